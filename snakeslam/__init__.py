@@ -1,0 +1,1 @@
+"""Gait control, visual-inertial SLAM and a browser dashboard for snake robots."""

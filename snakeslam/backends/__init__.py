@@ -1,0 +1,1 @@
+"""Sources of packets that take joint targets: simulator, real robot, replay."""

@@ -1,0 +1,194 @@
+"""The frozen types that cross rooms: packets in, estimates, targets and map changes out.
+
+Arrays are made read-only; times are integer nanoseconds; frames and units are in the names (CONTRIBUTING.md).
+"""
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Float = NDArray[np.float64]
+
+
+def _read_only(message: Any, dtypes: dict[str, type[np.generic]]) -> None:
+    """Replace the named array fields by read-only arrays of the given type (None stays None)."""
+    for name, dtype in dtypes.items():
+        value = getattr(message, name)
+        if value is None:
+            continue
+        array = np.asarray(value, dtype=dtype).view()
+        array.flags.writeable = False
+        object.__setattr__(message, name, array)
+
+
+@dataclass(frozen=True, slots=True)
+class ImuSample:
+    """Mean angular rate ``gyro_I`` (3,) rad/s and specific force ``accel_I`` (3,) m/s^2 up to ``t_ns``."""
+
+    t_ns: int
+    gyro_I: Float
+    accel_I: Float
+
+    def __post_init__(self) -> None:
+        _read_only(self, {"gyro_I": np.float64, "accel_I": np.float64})
+
+
+@dataclass(frozen=True, slots=True)
+class CameraFrame:
+    """One exposure, stamped at its middle.
+
+    ``gray`` (H, W) uint8; ``rgb`` (H, W, 3) uint8 or None; ``depth_m`` (H, W) float32 along the optical axis, 0 where
+    unknown, registered to ``gray``, or None for a monocular camera.
+    """
+
+    t_ns: int
+    seq: int
+    gray: NDArray[np.uint8]
+    rgb: NDArray[np.uint8] | None = None
+    depth_m: NDArray[np.float32] | None = None
+    exposure_ns: int = 0
+
+    def __post_init__(self) -> None:
+        _read_only(self, {"gray": np.uint8, "rgb": np.uint8, "depth_m": np.float32})
+
+
+@dataclass(frozen=True, slots=True)
+class JointState:
+    """What the servos report, joints from tail to head, all (N,)."""
+
+    t_ns: int
+    q_rad: Float
+    dq_rad_s: Float
+    current_a: Float
+    temperature_degc: Float
+
+    def __post_init__(self) -> None:
+        _read_only(self, dict.fromkeys(("q_rad", "dq_rad_s", "current_a", "temperature_degc"), np.float64))
+
+
+Packet = ImuSample | CameraFrame | JointState
+
+
+@dataclass(frozen=True, slots=True)
+class GaitCommand:
+    """What the operator asks for; a parameter that is None takes the configured value.
+
+    ``drive`` in [-1, 1] scales the gait's rate (0 holds), ``turn`` in [-1, 1] is positive to the left.
+    """
+
+    t_ns: int
+    gait: str
+    drive: float = 1.0
+    turn: float = 0.0
+    alpha_pi: float | None = None
+    wavelength_joints: float | None = None
+    period_s: float | None = None
+    amplitude_deg: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class JointTarget:
+    """Commanded joint angles ``q_rad`` (N,), tail to head."""
+
+    t_ns: int
+    q_rad: Float
+
+    def __post_init__(self) -> None:
+        _read_only(self, {"q_rad": np.float64})
+
+
+class Verdict(StrEnum):
+    """What the estimator says of itself for one frame."""
+
+    INITIALISING = "initialising"
+    GOOD = "good"
+    DEGRADED = "degraded"
+    BLIND = "blind"
+    LOST = "lost"
+
+    @property
+    def tracked(self) -> bool:
+        """Whether the pose of this frame rests on the camera."""
+        return self in (Verdict.GOOD, Verdict.DEGRADED)
+
+
+@dataclass(frozen=True, slots=True)
+class Health:
+    """A verdict with its reasons in words, for the operator."""
+
+    verdict: Verdict
+    reasons: tuple[str, ...] = ()
+    tracks: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class PoseEstimate:
+    """Causal pose of the IMU in the world, as published.
+
+    ``T_WI`` (4, 4), ``v_W`` (3,) m/s, ``cov`` (9, 9) of the right-perturbation error (theta_I, p_W, v_W).
+    """
+
+    t_ns: int
+    T_WI: Float
+    v_W: Float
+    cov: Float
+    health: Health
+
+    def __post_init__(self) -> None:
+        _read_only(self, {"T_WI": np.float64, "v_W": np.float64, "cov": np.float64})
+
+
+@dataclass(frozen=True, slots=True)
+class MapChunk:
+    """Coloured points of one keyframe, in its camera's frame; a higher ``revision`` replaces a lower one.
+
+    ``T_WK`` (4, 4), ``points_K`` (N, 3) float32 m, ``rgb`` (N, 3) uint8.
+    """
+
+    key: int
+    revision: int
+    T_WK: Float
+    points_K: NDArray[np.float32]
+    rgb: NDArray[np.uint8]
+
+    def __post_init__(self) -> None:
+        _read_only(self, {"T_WK": np.float64, "points_K": np.float32, "rgb": np.uint8})
+
+
+@dataclass(frozen=True, slots=True)
+class SlamUpdate:
+    """All that ``slam`` says of one camera frame.
+
+    ``pose`` is None until initialised; ``tracks_px`` (N, 2) float32 with ``track_ids`` (N,) and ``track_inliers`` (N,)
+    are for the overlay; ``chunks`` are new or revised; ``events`` are words for the timeline ("reset", ...).
+    """
+
+    t_ns: int
+    seq: int
+    pose: PoseEstimate | None
+    health: Health
+    tracks_px: NDArray[np.float32]
+    track_ids: NDArray[np.int64]
+    track_inliers: NDArray[np.bool_]
+    chunks: tuple[MapChunk, ...] = ()
+    events: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        _read_only(self, {"tracks_px": np.float32, "track_ids": np.int64, "track_inliers": np.bool_})
+
+
+@dataclass(frozen=True, slots=True)
+class GroundTruth:
+    """True motion of the IMU, for evaluation and the recorder only; what is unknown is None."""
+
+    t_ns: int
+    T_WI: Float
+    v_W: Float | None = None
+    gyro_bias_I: Float | None = None
+    accel_bias_I: Float | None = None
+
+    def __post_init__(self) -> None:
+        _read_only(self, dict.fromkeys(("T_WI", "v_W", "gyro_bias_I", "accel_bias_I"), np.float64))

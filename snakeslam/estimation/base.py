@@ -1,0 +1,35 @@
+"""What every estimator offers: packets in, one estimate for every camera frame out."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from snakeslam.messages import Health, Packet, PoseEstimate
+
+
+@dataclass(frozen=True, slots=True)
+class FrameEstimate:
+    """What an estimator says of one camera frame.
+
+    ``pose`` is None until initialised; ``tracks_px`` (M, 2) with ``track_ids`` (M,) and ``track_inliers`` (M,) are the
+    features followed into this frame; ``events`` are words for the timeline ("initialised", "reset", ...).
+    """
+
+    t_ns: int
+    seq: int
+    pose: PoseEstimate | None
+    health: Health
+    tracks_px: NDArray[np.float32]
+    track_ids: NDArray[np.int64]
+    track_inliers: NDArray[np.bool_]
+    events: tuple[str, ...] = ()
+
+
+class Estimator(Protocol):
+    """Turns packets, in time order, into poses; no clock, thread, file or socket."""
+
+    def process(self, packet: Packet) -> FrameEstimate | None:
+        """Take one packet; return an estimate for a camera frame and None for any other packet."""
+        ...

@@ -1,0 +1,48 @@
+"""Settings of the estimators; units are in the names."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from snakeslam.settings import Settings
+
+Positive = Annotated[float, Field(gt=0)]
+Mode = Literal["visual", "vio", "planar", "fused"]
+
+
+class FrontendSettings(Settings):
+    """Feature detection and tracking."""
+
+    max_tracks: Annotated[int, Field(ge=20, le=2000)] = 200
+    min_distance_px: Annotated[float, Field(ge=4)] = 20.0
+    fast_threshold: Annotated[int, Field(ge=2, le=100)] = 12
+    """FAST contrast threshold in grey levels; lowered by itself where the picture is poor."""
+    klt_window_px: Annotated[int, Field(ge=5, le=61)] = 15
+    klt_levels: Annotated[int, Field(ge=0, le=6)] = 3
+    ransac_threshold_px: Positive = 1.5
+
+
+class NoiseSettings(Settings):
+    """Measurement noise, one sigma; IMU noise comes from the calibration and is scaled here."""
+
+    pixel_px: Positive = 1.0
+    depth_offset_m: Positive = 0.004
+    """a in sigma_z = a + b z^2."""
+    depth_square_per_m: Positive = 0.004
+    """b in sigma_z = a + b z^2, 1/m."""
+    depth_min_m: Positive = 0.25
+    depth_max_m: Positive = 6.0
+    imu_white_scale: Positive = 1.5
+    """Factor on the calibrated white noise densities, for vibration and what the model leaves out."""
+    imu_walk_scale: Positive = 1.0
+
+
+class EstimatorSettings(Settings):
+    """Which estimator runs, and its parts."""
+
+    mode: Mode = "vio"
+    window_clones: Annotated[int, Field(ge=4, le=30)] = 11
+    max_iterations: Annotated[int, Field(ge=1, le=10)] = 3
+    gravity_m_s2: Positive = 9.81
+    frontend: FrontendSettings = FrontendSettings()
+    noise: NoiseSettings = NoiseSettings()

@@ -1,0 +1,52 @@
+"""One page: packets in, estimates and map changes out. No clock, thread, file or socket."""
+
+from snakeslam.calibration import SensorRig
+from snakeslam.errors import NotBuiltError
+from snakeslam.estimation.base import Estimator, FrameEstimate
+from snakeslam.estimation.settings import EstimatorSettings
+from snakeslam.estimation.vio import VisualInertialOdometry
+from snakeslam.estimation.visual import VisualOdometry
+from snakeslam.mapping.keyframes import KeyframeMapper
+from snakeslam.mapping.settings import MappingSettings
+from snakeslam.messages import CameraFrame, MapChunk, Packet, SlamUpdate
+
+
+def build_estimator(settings: EstimatorSettings, rig: SensorRig, seed: int) -> Estimator:
+    """Return the estimator that ``settings.mode`` names; NotBuiltError for one that is still to come."""
+    if settings.mode == "visual":
+        return VisualOdometry(settings, rig, seed)
+    if settings.mode == "vio":
+        return VisualInertialOdometry(settings, rig, seed)
+    raise NotBuiltError("estimator.mode", settings.mode, "visual, vio")
+
+
+class Slam:
+    """The estimator followed by the mapper; the same in a scripted run, live and over a recording."""
+
+    def __init__(self, estimator: EstimatorSettings, mapping: MappingSettings, rig: SensorRig, seed: int) -> None:
+        self._estimator = build_estimator(estimator, rig, seed)
+        self._mapper = KeyframeMapper(mapping, rig.cam0)
+        self._T_IC = rig.cam0.T_IC
+
+    def process(self, packet: Packet) -> SlamUpdate | None:
+        """Take one packet, in time order; return an update for every camera frame and None otherwise."""
+        estimate = self._estimator.process(packet)
+        if estimate is None or not isinstance(packet, CameraFrame):
+            return None
+        return SlamUpdate(
+            t_ns=estimate.t_ns,
+            seq=estimate.seq,
+            pose=estimate.pose,
+            health=estimate.health,
+            tracks_px=estimate.tracks_px,
+            track_ids=estimate.track_ids,
+            track_inliers=estimate.track_inliers,
+            chunks=self._map(packet, estimate),
+            events=estimate.events,
+        )
+
+    def _map(self, frame: CameraFrame, estimate: FrameEstimate) -> tuple[MapChunk, ...]:
+        """Only frames that the camera supports add to the map."""
+        if estimate.pose is None or not estimate.health.verdict.tracked:
+            return ()
+        return self._mapper.update(frame, estimate.pose, estimate.pose.T_WI @ self._T_IC)

@@ -1,0 +1,1 @@
+"""Files to messages and back: recordings of sensors, trajectories."""

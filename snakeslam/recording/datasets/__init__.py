@@ -1,0 +1,75 @@
+"""Recordings in the layouts of public data sets."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from snakeslam.errors import InputError, NotBuiltError
+from snakeslam.recording.datasets import euroc, tum_rgbd
+from snakeslam.recording.recording import Recording
+from snakeslam.recording.settings import ReplaySettings
+
+FORMATS = "an EuRoC folder (mav0/cam0), a TUM RGB-D folder (rgb.txt, depth.txt)"
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """What a list of recordings shows of one; ``frames`` and ``duration_s`` are None where the tables are broken."""
+
+    name: str
+    kind: str
+    path: Path
+    frames: int | None
+    duration_s: float | None
+
+
+def recording_kind(path: Path) -> str | None:
+    """Return "euroc", "tum_rgbd", "mcap", "rosbag" by the layout, or None."""
+    if path.is_dir():
+        if euroc.find_root(path) is not None:
+            return "euroc"
+        if (path / "rgb.txt").exists() or (path / "depth.txt").exists():
+            return "tum_rgbd"
+        return "rosbag" if (path / "metadata.yaml").exists() else None
+    return {".mcap": "mcap", ".bag": "rosbag", ".db3": "rosbag"}.get(path.suffix.lower()) if path.is_file() else None
+
+
+def open_recording(path: Path, settings: ReplaySettings) -> Recording:
+    """Read a recording's tables and check its images; InputError says what is wrong where."""
+    if not path.exists():
+        raise InputError(str(path), "no such recording", FORMATS)
+    kind = recording_kind(path)
+    if kind == "euroc":
+        recording = euroc.read_euroc(path)
+    elif kind == "tum_rgbd":
+        recording = tum_rgbd.read_tum_rgbd(path, settings)
+    elif kind is not None:
+        raise NotBuiltError(str(path), f"reading {kind}", FORMATS)
+    else:
+        raise InputError(str(path), "is not a recording", FORMATS)
+    recording.check_images()
+    return recording
+
+
+def summarise(path: Path) -> Summary | None:
+    """Return what is known of a recording from its frame table alone, or None when ``path`` is none."""
+    kind = recording_kind(path)
+    root = euroc.find_root(path)
+    try:
+        if kind == "euroc" and root is not None:
+            frames = euroc.read_frames(root)
+        elif kind == "tum_rgbd":
+            frames = tum_rgbd.read_frames(path, ReplaySettings().association_ms)
+        else:
+            return None
+    except InputError:
+        # A broken recording stays in the list; opening it says what is wrong.
+        return Summary(path.name, str(kind), path, None, None)
+    return Summary(path.name, kind, path, len(frames), (frames[-1].t_ns - frames[0].t_ns) / 1e9)
+
+
+def find_recordings(folder: Path) -> list[Summary]:
+    """Return the recordings directly below ``folder`` (or ``folder`` itself), by name."""
+    if not folder.is_dir():
+        return []
+    paths = [folder] if recording_kind(folder) else sorted(child for child in folder.iterdir() if child.is_dir())
+    return [summary for path in paths if (summary := summarise(path)) is not None]

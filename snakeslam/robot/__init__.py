@@ -1,0 +1,1 @@
+"""The robot's body: ``model`` (links, masses, frames, URDF), ``kinematics`` and ``limits``."""

@@ -38,7 +38,7 @@ def read_euroc(path: Path) -> Recording:
     T_BI, imu0 = _read_imu_calibration(root / "imu0" / "sensor.yaml")
     cam0 = _read_camera_calibration(root / "cam0" / "sensor.yaml", T_BI)
     return Recording(
-        name=root.resolve().parent.name,
+        name=(root.resolve().parent if root.name == "mav0" else root.resolve()).name,
         kind="euroc",
         rig=SensorRig(cam0=cam0.model_copy(update={"timeshift_cam_imu": 0.0}), imu0=imu0),
         frames=shift_frames(read_frames(root), cam0.timeshift_cam_imu),

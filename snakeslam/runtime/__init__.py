@@ -1,0 +1,1 @@
+"""The loops that make the rooms work together."""

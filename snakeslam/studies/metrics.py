@@ -1,0 +1,231 @@
+"""What a run is judged by: the object that ``--json`` prints. What is unknown is None, never 0 or NaN."""
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+
+import numpy as np
+
+from snakeslam.geometry import se3, so3
+from snakeslam.messages import Float, GroundTruth, PoseEstimate, SlamUpdate
+from snakeslam.studies.trajectories import (
+    MIN_POSES_TO_ALIGN,
+    RelativeError,
+    Trajectory,
+    align_posyaw,
+    align_se3,
+    ate_m,
+    interpolate,
+    relative_error,
+)
+
+RPE_DELTA_NS = 1_000_000_000
+RPE_TOLERANCE_NS = 30_000_000
+RATE_WINDOW_NS = 20_000_000
+LEAST_TRAVEL_M = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class AbsoluteError:
+    """ATE over the tracked poses; ``posyaw`` needs an estimate that knows gravity."""
+
+    posyaw: float | None = None
+    se3: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class RelativeErrors:
+    """RPE over one second."""
+
+    trans_m: float | None = None
+    rot_deg: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Consistency:
+    """Mean normalised error squared, three degrees of freedom each: 3 when the covariance is right."""
+
+    position: float | None = None
+    orientation: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class HeadMotion:
+    """How still the robot's head is."""
+
+    yaw_rms_deg: float | None = None
+    peak_yaw_rate_deg_s: float | None = None
+    sway_pp_m: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class FrameTimes:
+    """The estimator's time on one frame, sensors and rendering excluded."""
+
+    mean: float | None = None
+    p95: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Metrics:
+    """The measured figures of one run.
+
+    ``path_m`` is the length of the true path, of the estimated one where no truth is known; ``speed_m_s`` is net
+    displacement over time, from the same.
+    """
+
+    frames: int
+    duration_s: float
+    path_m: float | None
+    ate_m: AbsoluteError
+    rpe_1s: RelativeErrors
+    tracked_fraction: float | None
+    resets: int
+    nees: Consistency
+    head: HeadMotion
+    speed_m_s: float | None
+    ms_per_frame: FrameTimes
+    realtime_factor: float | None
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain values for JSON."""
+        return asdict(self)
+
+
+def evaluate(
+    updates: Sequence[SlamUpdate],
+    truth: Sequence[GroundTruth],
+    frame_ms: Sequence[float],
+    duration_s: float,
+    wall_s: float,
+    gravity_known: bool,
+    head_from_ns: int | None,
+) -> Metrics:
+    """Return the metrics of a run from what it published.
+
+    ``head_from_ns`` is where the head's motion is judged from (after the start-up), None without a robot.
+    """
+    tracked = tracked_poses(updates)
+    estimate = trajectory(tracked)
+    true = truth_trajectory(truth)
+    Ts_true, known = interpolate(true, estimate.t_ns)
+    matched, Ts_matched = estimate.at(known), Ts_true[known]
+    rpe = relative_error(matched, Ts_matched, RPE_DELTA_NS, RPE_TOLERANCE_NS) if len(matched) > 1 else None
+    walked = _within(true, updates) if len(true) else estimate
+    return Metrics(
+        frames=len(updates),
+        duration_s=duration_s,
+        path_m=walked.path_m if len(walked) > 1 else None,
+        ate_m=absolute_error(matched, Ts_matched, gravity_known),
+        rpe_1s=RelativeErrors(*rpe) if isinstance(rpe, RelativeError) else RelativeErrors(),
+        tracked_fraction=len(tracked) / len(updates) if updates else None,
+        resets=sum(update.events.count("reset") for update in updates),
+        nees=consistency([pose for pose, ok in zip(tracked, known, strict=True) if ok], Ts_matched),
+        head=HeadMotion() if head_from_ns is None else head_motion(true.at(true.t_ns >= head_from_ns)),
+        speed_m_s=net_speed_m_s(walked),
+        ms_per_frame=frame_times(frame_ms),
+        realtime_factor=duration_s / wall_s if wall_s > 0 else None,
+    )
+
+
+def tracked_poses(updates: Sequence[SlamUpdate]) -> list[PoseEstimate]:
+    """Return the causal poses that rest on the camera, as they were published."""
+    return [update.pose for update in updates if update.pose is not None and update.health.verdict.tracked]
+
+
+def trajectory(poses: Sequence[PoseEstimate]) -> Trajectory:
+    """Return poses as arrays."""
+    t_ns = np.array([pose.t_ns for pose in poses], dtype=np.int64)
+    return Trajectory(t_ns, np.array([pose.T_WI for pose in poses]).reshape(-1, 4, 4))
+
+
+def truth_trajectory(truth: Sequence[GroundTruth]) -> Trajectory:
+    """Return the truth as arrays."""
+    t_ns = np.array([sample.t_ns for sample in truth], dtype=np.int64)
+    return Trajectory(t_ns, np.array([sample.T_WI for sample in truth]).reshape(-1, 4, 4))
+
+
+def absolute_error(estimate: Trajectory, Ts_true: Float, gravity_known: bool) -> AbsoluteError:
+    """Return the ATE with both alignments, None below three poses."""
+    if len(estimate) < MIN_POSES_TO_ALIGN:
+        return AbsoluteError()
+    p, p_true = estimate.Ts_WI[:, :3, 3], Ts_true[:, :3, 3]
+    posyaw = ate_m(p, p_true, align_posyaw(p, p_true)) if gravity_known else None
+    return AbsoluteError(posyaw=posyaw, se3=ate_m(p, p_true, align_se3(p, p_true)))
+
+
+def consistency(poses: Sequence[PoseEstimate], Ts_true: Float) -> Consistency:
+    """Return mean e^T P^-1 e of position (e = p_true - p) and orientation (e = Log(R^T R_true)), [Bar-Shalom01].
+
+    The truth is brought to the estimate's world by the yaw and position of the first pose, which that world is defined
+    by; poses without a positive definite covariance are left out.
+    """
+    if len(poses) < MIN_POSES_TO_ALIGN:
+        return Consistency()
+    first = poses[0].T_WI
+    R = so3.from_yaw(_yaw_between(Ts_true[0, :3, :3], first[:3, :3]))
+    T = se3.from_rt(R, first[:3, 3] - R @ Ts_true[0, :3, 3])
+    position: list[float] = []
+    orientation: list[float] = []
+    for pose, T_true in zip(poses[1:], T @ Ts_true[1:], strict=True):
+        e_p = T_true[:3, 3] - pose.T_WI[:3, 3]
+        e_theta = so3.log(pose.T_WI[:3, :3].T @ T_true[:3, :3])
+        _append_nees(position, e_p, pose.cov[3:6, 3:6])
+        _append_nees(orientation, e_theta, pose.cov[:3, :3])
+    return Consistency(position=_mean(position), orientation=_mean(orientation))
+
+
+def head_motion(head: Trajectory) -> HeadMotion:
+    """Return the head's yaw RMS about its mean, its peak yaw rate over 20 ms, its sway across the way it goes."""
+    if len(head) < MIN_POSES_TO_ALIGN:
+        return HeadMotion()
+    yaw_rad = np.unwrap(so3.yaw(head.Ts_WI[:, :3, :3]))
+    t_s = (head.t_ns - head.t_ns[0]) / 1e9
+    stride = max(1, round(RATE_WINDOW_NS / float(np.median(np.diff(head.t_ns)))))
+    rates = (yaw_rad[stride:] - yaw_rad[:-stride]) / (t_s[stride:] - t_s[:-stride])
+    xy = head.Ts_WI[:, :2, 3]
+    slope = np.polyfit(t_s, xy, 1)[0]
+    mean_yaw = float(np.mean(yaw_rad))
+    travelled = float(np.linalg.norm(slope)) * float(t_s[-1]) >= LEAST_TRAVEL_M
+    along = slope / np.linalg.norm(slope) if travelled else np.array([np.cos(mean_yaw), np.sin(mean_yaw)])
+    return HeadMotion(
+        yaw_rms_deg=float(np.rad2deg(np.std(yaw_rad))),
+        peak_yaw_rate_deg_s=float(np.rad2deg(np.max(np.abs(rates)))) if rates.size else None,
+        sway_pp_m=float(np.ptp(xy @ np.array([-along[1], along[0]]))),
+    )
+
+
+def net_speed_m_s(way: Trajectory) -> float | None:
+    """Return net displacement over time."""
+    if len(way) < 2:
+        return None
+    return float(np.linalg.norm(way.Ts_WI[-1, :3, 3] - way.Ts_WI[0, :3, 3])) / (float(way.t_ns[-1] - way.t_ns[0]) / 1e9)
+
+
+def frame_times(frame_ms: Sequence[float]) -> FrameTimes:
+    """Return mean and 95th percentile."""
+    if not frame_ms:
+        return FrameTimes()
+    return FrameTimes(mean=float(np.mean(frame_ms)), p95=float(np.percentile(frame_ms, 95)))
+
+
+def _within(truth: Trajectory, updates: Sequence[SlamUpdate]) -> Trajectory:
+    """Return the truth from the first camera frame to the last."""
+    if not updates:
+        return truth
+    return truth.at((truth.t_ns >= updates[0].t_ns) & (truth.t_ns <= updates[-1].t_ns))
+
+
+def _yaw_between(R_from: Float, R_to: Float) -> float:
+    """Return the yaw of the rotation about z nearest to R_to R_from^T."""
+    R = R_to @ R_from.T
+    return float(np.arctan2(R[1, 0] - R[0, 1], R[0, 0] + R[1, 1]))
+
+
+def _append_nees(values: list[float], error: Float, cov: Float) -> None:
+    if not np.all(np.isfinite(cov)) or np.linalg.eigvalsh(cov)[0] <= 0.0:
+        return
+    values.append(float(error @ np.linalg.solve(cov, error)))
+
+
+def _mean(values: list[float]) -> float | None:
+    return float(np.mean(values)) if values else None

@@ -1,4 +1,4 @@
-"""The loop: packets -> slam -> control -> backend. Scripted runs turn it as fast as they can, the live view paces it."""
+"""The loop: packets -> slam -> control -> backend, as fast as it can in a scripted run, paced in the live view."""
 
 from collections.abc import Sequence
 from time import perf_counter
@@ -81,6 +81,6 @@ class Loop:
         update = self.slam.process(packet)
         self._slam_ms += (perf_counter() - started) * 1e3
         if update is not None and isinstance(packet, CameraFrame):
-            self.pose = update.pose or self.pose
+            self.pose = update.pose
             self.sink.on_update(update, packet, self._slam_ms)
             self._slam_ms = 0.0

@@ -1,0 +1,186 @@
+"""One validated tree of settings; each room's part is defined beside its consumer and composed here."""
+
+import difflib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import yaml
+from pydantic import Field, ValidationError
+from pydantic_core import ErrorDetails
+
+from snakeslam.errors import InputError, NotBuiltError
+from snakeslam.estimation.settings import EstimatorSettings
+from snakeslam.recording.settings import ReplaySettings
+from snakeslam.robot.model import RobotSettings
+from snakeslam.settings import Settings
+
+
+class RecordingSettings(Settings):
+    """What is written besides trajectories."""
+
+    enabled: bool = False
+    """Write recording.mcap into the run directory."""
+
+
+class RunSettings(Settings):
+    """A scripted run."""
+
+    seed: Annotated[int, Field(ge=0, lt=2**32)] = 1
+    duration_s: Annotated[float, Field(gt=0, le=86400)] = 20.0
+    """Simulated time; a recording is played to its end when ``replay`` is given no duration."""
+    rest_s: Annotated[float, Field(ge=0, le=60)] = 0.5
+    """The robot lies still for so long before it starts, so that the estimator can find gravity."""
+
+
+class Config(Settings):
+    """All settings of a session."""
+
+    robot: RobotSettings = RobotSettings()
+    estimator: EstimatorSettings = EstimatorSettings()
+    replay: ReplaySettings = ReplaySettings()
+    recording: RecordingSettings = RecordingSettings()
+    run: RunSettings = RunSettings()
+
+
+@dataclass(frozen=True, slots=True)
+class Override:
+    """One setting given beside the file; ``label`` is what an error calls it."""
+
+    key: str
+    value: object
+    label: str
+
+
+def parse_override(text: str) -> Override:
+    """Return the override of ``KEY=VALUE``, the value read as YAML; InputError when it has another form."""
+    key, equals, value = text.partition("=")
+    key = key.strip()
+    if not equals or not key or not all(key.split(".")):
+        raise InputError(f"--set {text}", "is not understood", "KEY=VALUE, such as gait.period_s=4")
+    try:
+        return Override(key, yaml.safe_load(value), f"--set {key}")
+    except yaml.YAMLError as error:
+        raise InputError(f"--set {key}", f"the value {value!r} is no YAML") from error
+
+
+def load_config(path: Path | None = None, overrides: Sequence[str | Override] = ()) -> Config:
+    """Return the settings of ``path`` (the defaults without one) with ``overrides`` on top.
+
+    InputError names the file (or --set), the key, the value and what is allowed; NotBuiltError a mode still to come.
+    """
+    tree: dict[str, Any] = {} if path is None else _read_tree(path)
+    labels: dict[str, str] = {}
+    for override in overrides:
+        parsed = parse_override(override) if isinstance(override, str) else override
+        _set(tree, parsed)
+        labels[parsed.key] = parsed.label
+
+    def where(key: str) -> str:
+        label = next((labels[k] for k in labels if f"{k}.".startswith(f"{key}.") or key.startswith(f"{k}.")), None)
+        return label if label is not None else f"{path}: {key}" if path is not None else key
+
+    try:
+        config = Config.model_validate(tree)
+    except ValidationError as error:
+        raise _input_error(error.errors()[0], where) from error
+    check_built(config, where)
+    return config
+
+
+def check_built(config: Config, where: Callable[[str], str] = str) -> None:
+    """Raise NotBuiltError for a mode that this version does not have."""
+    if config.estimator.mode not in ("visual", "vio"):
+        raise NotBuiltError(where("estimator.mode"), config.estimator.mode, "visual, vio")
+    if config.recording.enabled:
+        raise NotBuiltError(where("recording.enabled"), "writing recording.mcap", "false")
+
+
+class _UniqueKeyLoader(yaml.SafeLoader):
+    """YAML in which a key that is given twice is an error instead of a silent choice."""
+
+    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
+        seen: set[str] = set()
+        for key_node, _ in node.value:
+            key = str(key_node.value)
+            if key in seen:
+                raise yaml.MarkedYAMLError(problem=f"the key {key!r} is given twice", problem_mark=key_node.start_mark)
+            seen.add(key)
+        return super().construct_mapping(node, deep)
+
+
+def _read_tree(path: Path) -> dict[str, Any]:
+    """Read a YAML file of groups; a group with nothing in it counts as left out."""
+    try:
+        tree: Any = yaml.load(path.read_text(encoding="utf-8"), Loader=_UniqueKeyLoader)
+    except FileNotFoundError as error:
+        raise InputError(str(path), "no such configuration file") from error
+    except UnicodeDecodeError as error:
+        raise InputError(str(path), "is not a text file") from error
+    except OSError as error:
+        raise InputError(str(path), f"cannot be read: {error.strerror}") from error
+    except yaml.MarkedYAMLError as error:
+        line = f": line {error.problem_mark.line + 1}" if error.problem_mark else ""
+        raise InputError(f"{path}{line}", error.problem or "is no YAML") from error
+    except yaml.YAMLError as error:
+        raise InputError(str(path), f"is no YAML: {' '.join(str(error).split())}") from error
+    if tree is None:
+        return {}
+    if not isinstance(tree, dict):
+        raise InputError(str(path), "has no keys", "groups such as gait: and sim:")
+    return {str(key): value for key, value in tree.items() if value is not None}
+
+
+def _set(tree: dict[str, Any], override: Override) -> None:
+    """Set a dotted key in ``tree``."""
+    *groups, last = override.key.split(".")
+    for name in groups:
+        inner = tree.setdefault(name, {})
+        if not isinstance(inner, dict):
+            raise InputError(override.label, f"{name} is a value, not a group")
+        tree = inner
+    tree[last] = override.value
+
+
+def _input_error(error: ErrorDetails, where: Callable[[str], str]) -> InputError:
+    """Turn pydantic's first complaint into one line."""
+    key = ".".join(str(part) for part in error["loc"])
+    if error["type"] == "extra_forbidden":
+        return _unknown_key(error["loc"], where(key))
+    value = repr(error["input"])
+    value = value if len(value) <= 60 else value[:57] + "..."
+    return InputError(where(key), f"{value} is not possible", _allowed(error))
+
+
+def _allowed(error: ErrorDetails) -> str:
+    """Say what a value may be."""
+    signs = {"greater_than": ("gt", ">"), "greater_than_equal": ("ge", ">=")}
+    signs |= {"less_than": ("lt", "<"), "less_than_equal": ("le", "<=")}
+    kind, context = error["type"], error.get("ctx", {})
+    if kind in signs:
+        name, sign = signs[kind]
+        return f"{sign} {context[name]:g}"
+    if kind == "literal_error":
+        return str(context["expected"]).replace("'", "").replace(" or ", ", ")
+    words = {
+        "float": "a number",
+        "int": "a whole number",
+        "bool": "true or false",
+        "string": "text",
+        "model": "a group",
+    }
+    word = next((word for prefix, word in words.items() if kind.startswith(prefix + "_")), None)
+    return word or ("a finite number" if kind == "finite_number" else " ".join(error["msg"].split()))
+
+
+def _unknown_key(location: tuple[int | str, ...], where: str) -> InputError:
+    """Name the known key nearest to an unknown one, and all that its group has."""
+    group: Any = Config
+    for part in location[:-1]:
+        group = group.model_fields[str(part)].annotation
+    known = sorted(group.model_fields)
+    prefix = "".join(f"{part}." for part in location[:-1])
+    close = difflib.get_close_matches(str(location[-1]), known, n=1, cutoff=0.6)
+    hint = f", did you mean {prefix}{close[0]}?" if close else ""
+    return InputError(where, f"unknown key {prefix}{location[-1]}{hint}", ", ".join(prefix + name for name in known))

@@ -112,6 +112,15 @@ class SnakeModel:
         upper = self.joint_count - 1 - self.joint_count % 2
         return upper - 2, upper - 1, upper
 
+    @property
+    def rest_q_rad(self) -> Float:
+        """Joint angles at rest: straight, with the head raised where the posture says so, (N,)."""
+        q_rad = np.zeros(self.joint_count)
+        if self.head_posture == "raised":
+            lower, _, upper = self.head_raise_joints
+            q_rad[lower], q_rad[upper] = HEAD_RAISE_RAD, -HEAD_RAISE_RAD
+        return q_rad
+
     def urdf(self) -> str:
         """Return the URDF: links ``link_0`` .. ``link_N``, joints ``joint_1`` .. ``joint_N``."""
         joints = "".join(self._urdf_joint(n) for n in range(1, self.joint_count + 1))

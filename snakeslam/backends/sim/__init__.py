@@ -1,0 +1,1 @@
+"""The simulator: PyBullet bodies, worlds, camera and IMU behind the backend contract."""

@@ -1,0 +1,40 @@
+"""The Coulomb law between skin and ground, applied outside PyBullet, whose own depends on the world's axes."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from snakeslam.messages import Float
+
+
+@dataclass(frozen=True, slots=True)
+class CoulombFriction:
+    """F = -N (mu_t v_t t + mu_n v_n b) / sqrt(|v|^2 + eps^2), t along the link and b across it in the contact's plane.
+
+    The regularisation ``slip_m_s`` (eps) lets a robot on a slope creep at up to eps tan(slope) / mu.
+    """
+
+    mu_tangential: float
+    mu_normal: float
+    slip_m_s: float
+
+    def forces(self, load_n: Float, velocity_W: Float, normal_W: Float, along_W: Float) -> Float:
+        """Return the friction force on each contact, (C, 3) N in W.
+
+        ``load_n`` (C,) N is the normal load, ``velocity_W`` (C, 3) m/s of the skin over the ground, ``normal_W`` (C, 3)
+        the unit normal out of the ground, ``along_W`` (C, 3) the link's axis; where that stands on the ground any pair
+        of directions serves, with the same coefficients.
+        """
+        t_W = along_W - np.sum(along_W * normal_W, axis=-1, keepdims=True) * normal_W
+        t_W = t_W / np.maximum(np.linalg.norm(t_W, axis=-1, keepdims=True), 1e-9)
+        b_W = cross(normal_W, t_W)
+        v_t, v_b = np.sum(velocity_W * t_W, axis=-1), np.sum(velocity_W * b_W, axis=-1)
+        scale = -load_n / np.sqrt(v_t**2 + v_b**2 + self.slip_m_s**2)
+        return (scale * self.mu_tangential * v_t)[:, None] * t_W + (scale * self.mu_normal * v_b)[:, None] * b_W
+
+
+def cross(a: Float, b: Float) -> Float:
+    """Return a x b, (C, 3); numpy's own takes ten times as long on so few rows."""
+    ax, ay, az = a.T
+    bx, by, bz = b.T
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)

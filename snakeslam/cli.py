@@ -1,0 +1,199 @@
+"""The command line: exit 0 good, 2 bad input with one clear line, 1 failure."""
+
+import json
+import math
+import signal
+import sys
+from collections.abc import Callable, Generator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+
+import typer
+
+from snakeslam.errors import InputError, NotBuiltError, SnakeslamError
+from snakeslam.paths import configs_dir
+
+if TYPE_CHECKING:
+    from snakeslam.config import Config
+    from snakeslam.studies.experiment import RunResult
+
+BUILT = "serve, run, replay, eq"
+INTERRUPTED, TERMINATED = 130, 143
+
+app = typer.Typer(add_completion=False, no_args_is_help=True, rich_markup_mode=None, help=__doc__)
+
+SetOption = Annotated[
+    list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a setting; may be given many times.")
+]
+OutOption = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Run directory [runs/<time>-<name>].")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print the metrics as one JSON object, the last line.")]
+SeedOption = Annotated[int | None, typer.Option("--seed", metavar="N", help="Seed of everything random.")]
+DurationOption = Annotated[float | None, typer.Option("--duration", metavar="S", help="Seconds of simulated time.")]
+ProgressOption = Annotated[bool, typer.Option("--progress-json", hidden=True)]
+
+
+@app.command()
+def serve(
+    config: Annotated[Path | None, typer.Argument(help="Configuration [configs/sim.yaml].")] = None,
+    host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option(help="Port to listen on; 0 takes a free one.")] = 8000,
+    settings: SetOption = None,
+    recordings: Annotated[
+        list[Path] | None, typer.Option("--recordings", metavar="DIR", help="Folder of recordings to offer.")
+    ] = None,
+) -> None:
+    """Start the dashboard."""
+    from snakeslam.config import load_config
+
+    loaded = load_config(config or configs_dir() / "sim.yaml", settings or ())
+    for folder in recordings or ():
+        if not folder.is_dir():
+            raise InputError(f"--recordings {folder}", "no such folder")
+    if not 0 <= port <= 65535:
+        raise InputError("--port", str(port), "0 to 65535")
+    from server.main import serve as start
+
+    start(loaded, host=host, port=port, recordings=recordings or [])
+
+
+@app.command()
+def run(
+    config: Annotated[Path, typer.Argument(help="Configuration, such as configs/sim.yaml.")],
+    settings: SetOption = None,
+    seed: SeedOption = None,
+    duration: DurationOption = None,
+    out: OutOption = None,
+    as_json: JsonOption = False,
+    progress_json: ProgressOption = False,
+) -> None:
+    """Run an experiment in the simulator."""
+    loaded = _load(config, settings, seed, duration)
+    _experiment(loaded, None, loaded.run.duration_s, out, as_json, progress_json)
+
+
+@app.command()
+def replay(
+    path: Annotated[Path, typer.Argument(help="EuRoC folder or TUM RGB-D folder.")],
+    config: Annotated[Path | None, typer.Argument(help="Configuration [configs/replay.yaml].")] = None,
+    settings: SetOption = None,
+    seed: SeedOption = None,
+    duration: Annotated[float | None, typer.Option("--duration", metavar="S", help="Stop after S seconds.")] = None,
+    out: OutOption = None,
+    as_json: JsonOption = False,
+    progress_json: ProgressOption = False,
+) -> None:
+    """Run the estimator over a recording."""
+    loaded = _load(config or configs_dir() / "replay.yaml", settings, seed, duration)
+    _experiment(loaded, path, duration, out, as_json, progress_json)
+
+
+@app.command()
+def eq(number: Annotated[int, typer.Argument(metavar="N", help="Number of the equation in the paper.")]) -> None:
+    """Print an equation of the paper, corrected, with its home in the code and its test."""
+    from snakeslam.equations import equation
+
+    typer.echo(equation(number).describe())
+
+
+def _add_later_command(name: str, help_text: str) -> None:
+    """Add a command of the contract that a later version brings; it takes any arguments and says so."""
+
+    def later(context: typer.Context) -> NoReturn:
+        raise NotBuiltError("snakeslam", str(context.info_name), BUILT)
+
+    settings = {"allow_extra_args": True, "ignore_unknown_options": True}
+    app.command(name, context_settings=settings, help=f"{help_text} (not built yet)")(later)
+
+
+for _name, _help in (
+    ("export", "Write a run or a recording in another format."),
+    ("study", "Run a study: many runs, tables and figures."),
+    ("report", "Figures and an HTML page of a run."),
+    ("hw", "The real robot's tools."),
+    ("node", "One node of the live system, on its own."),
+):
+    _add_later_command(_name, _help)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit code; a user's mistake is one line on stderr, never a traceback."""
+    try:
+        code: Any = app(args=arguments, prog_name="snakeslam", standalone_mode=False)
+    except SnakeslamError as error:
+        return _fail(str(error), error.exit_code)
+    except typer.TyperException as error:
+        return _fail(error.format_message(), 2)
+    except (KeyboardInterrupt, typer.Abort):
+        return _fail("interrupted", INTERRUPTED)
+    except OSError as error:
+        return _fail(str(error), 1)
+    return int(code) if isinstance(code, int) else 0
+
+
+def _fail(text: str, code: int) -> int:
+    typer.echo(f"snakeslam: {' '.join(text.split())}", err=True)
+    return code
+
+
+def _load(path: Path, settings: list[str] | None, seed: int | None, duration: float | None) -> "Config":
+    from snakeslam.config import Override, load_config
+
+    overrides: list[str | Override] = list(settings or ())
+    if seed is not None:
+        overrides.append(Override("run.seed", seed, "--seed"))
+    if duration is not None:
+        overrides.append(Override("run.duration_s", duration, "--duration"))
+    return load_config(path, overrides)
+
+
+def _experiment(
+    config: "Config", recording: Path | None, duration_s: float | None, out: Path | None, as_json: bool, report: bool
+) -> None:
+    """Run, tell the progress, print the result."""
+    from snakeslam.studies.experiment import run_experiment
+
+    signal.signal(signal.SIGTERM, _terminate)
+    with _progress(report) as progress:
+        result = run_experiment(config, recording, duration_s, out, progress)
+    typer.echo(f"written: {result.out}", err=True)
+    typer.echo(json.dumps(result.metrics.as_dict(), allow_nan=False) if as_json else _summary(result))
+
+
+def _terminate(signal_number: int, frame: object) -> NoReturn:
+    """Leave through the ``finally`` blocks, so that a cancelled run leaves nothing behind."""
+    del signal_number, frame
+    sys.exit(TERMINATED)
+
+
+@contextmanager
+def _progress(as_json: bool) -> Generator[Callable[[float], None] | None]:
+    """Yield what shows the progress on stderr: lines of JSON, a bar on a terminal, or nothing."""
+    if as_json:
+        last = [-1]
+
+        def line(fraction: float) -> None:
+            if math.floor(fraction * 100) > last[0]:
+                last[0] = math.floor(fraction * 100)
+                typer.echo(json.dumps({"progress": round(fraction, 4)}), err=True)
+
+        yield line
+    elif sys.stderr.isatty():
+        from rich.console import Console
+        from rich.progress import Progress
+
+        with Progress(console=Console(stderr=True), transient=True) as bar:
+            task = bar.add_task("running", total=1.0)
+            yield lambda fraction: bar.update(task, completed=fraction)
+    else:
+        yield None
+
+
+def _summary(result: "RunResult") -> str:
+    """Return the metrics in words; what is unknown is a dash."""
+    lines: list[str] = []
+    for name, value in result.metrics.as_dict().items():
+        values = value.items() if isinstance(value, dict) else [("", value)]
+        words = [f"{key} {'-' if item is None else f'{item:.4g}'}".strip() for key, item in values]
+        lines.append(f"{name:<18}{', '.join(words)}")
+    return "\n".join(lines)

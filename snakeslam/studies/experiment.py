@@ -1,0 +1,149 @@
+"""One scripted run, in the simulator or over a recording, and what it leaves: a run directory."""
+
+import json
+import platform
+import subprocess
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+from snakeslam.backends.base import Backend
+from snakeslam.backends.replay.backend import ReplayBackend
+from snakeslam.config import Config
+from snakeslam.gaits.catalogue import gait_period_s
+from snakeslam.mapping.export import write_ply
+from snakeslam.messages import GaitCommand
+from snakeslam.recording.trajectory import write_trajectory
+from snakeslam.runtime.assembly import build_backend, build_control, build_slam
+from snakeslam.runtime.lockstep import Loop
+from snakeslam.studies.metrics import Metrics, evaluate, tracked_poses
+from snakeslam.studies.recorder import Recorder
+from snakeslam.studies.run_directory import default_out, new_directory
+
+Progress = Callable[[float], None]
+PACKAGES = ("snakeslam", "numpy", "scipy", "opencv-python-headless", "pybullet")
+
+
+@dataclass(frozen=True, slots=True)
+class RunResult:
+    """Where a run was written and what was measured."""
+
+    out: Path
+    metrics: Metrics
+
+
+def run_experiment(
+    config: Config,
+    recording: Path | None = None,
+    duration_s: float | None = None,
+    out: Path | None = None,
+    progress: Progress | None = None,
+) -> RunResult:
+    """Run ``config`` in the simulator, or over ``recording``, and write the run directory ``out``.
+
+    The simulator runs for ``duration_s`` (else the config's), a recording for as long or to its end. Everything is
+    checked before anything is written (InputError); a run that fails leaves nothing behind.
+    """
+    backend = build_backend(config, recording)
+    try:
+        recorder = Recorder()
+        control = build_control(config, backend.model)
+        loop = Loop(backend, control, build_slam(config, backend.rig), recorder)
+        name = recording.resolve().name if recording else f"{config.gait.name}-s{config.run.seed}"
+        place = out or default_out(name)
+        with new_directory(place) as part:
+            end_ns = _end_ns(config, backend, duration_s)
+            wall_s = _turn(loop, config, end_ns, progress or (lambda _: None))
+            metrics = _evaluate(config, backend, recorder, wall_s)
+            _write(part, config, recording, recorder, metrics)
+    finally:
+        backend.close()
+    return RunResult(place, metrics)
+
+
+def _end_ns(config: Config, backend: Backend, duration_s: float | None) -> int:
+    if not isinstance(backend, ReplayBackend):
+        return backend.t_ns + round((duration_s or config.run.duration_s) * 1e9)
+    return backend.end_ns if duration_s is None else min(backend.end_ns, backend.t_ns + round(duration_s * 1e9))
+
+
+def _turn(loop: Loop, config: Config, end_ns: int, progress: Progress) -> float:
+    """Turn the loop until ``end_ns``, the gait starting after the rest; return the wall time it took."""
+    start_ns = loop.backend.t_ns
+    drive_ns = start_ns + round(config.run.rest_s * 1e9)
+    control = loop.control
+    started = perf_counter()
+    while (replays := isinstance(loop.backend, ReplayBackend)) or loop.backend.t_ns < end_ns:
+        if control is not None and loop.backend.t_ns >= drive_ns:
+            control.command(GaitCommand(t_ns=loop.backend.t_ns, gait=config.gait.name))
+            control = None
+        if not loop.step() or (replays and loop.backend.t_ns > end_ns):
+            break
+        progress(min(1.0, (loop.backend.t_ns - start_ns) / max(1, end_ns - start_ns)))
+    return perf_counter() - started
+
+
+def _evaluate(config: Config, backend: Backend, recorder: Recorder, wall_s: float) -> Metrics:
+    head_from_ns = None
+    if backend.model is not None and recorder.first_ns is not None:
+        head_from_ns = recorder.first_ns + round((config.run.rest_s + gait_period_s(config.gait)) * 1e9)
+    return evaluate(
+        recorder.updates,
+        recorder.truth,
+        recorder.frame_ms,
+        duration_s=recorder.duration_s,
+        wall_s=wall_s,
+        gravity_known=backend.rig.imu0 is not None,
+        head_from_ns=head_from_ns,
+    )
+
+
+def _write(part: Path, config: Config, recording: Path | None, recorder: Recorder, metrics: Metrics) -> None:
+    write_trajectory(part / "estimate.tum", ((pose.t_ns, pose.T_WI) for pose in tracked_poses(recorder.updates)))
+    if recorder.truth:
+        write_trajectory(part / "ground_truth.tum", ((sample.t_ns, sample.T_WI) for sample in recorder.truth))
+    write_ply(part / "map.ply", [recorder.chunks[key] for key in sorted(recorder.chunks)])
+    recorder.write_joints(part / "joints.csv")
+    facts: dict[str, Any] = {
+        "written": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}",
+        "recording": str(recording.resolve()) if recording else None,
+        "seed": config.run.seed,
+        "config": config.model_dump(mode="json"),
+        "versions": _versions(),
+        "commit": _commit(),
+        "metrics": metrics.as_dict(),
+    }
+    (part / "run.json").write_text(json.dumps(facts, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+
+
+def _versions() -> dict[str, str | None]:
+    """Return the versions a result may depend on; None for what is not installed."""
+    found: dict[str, str | None] = {"python": platform.python_version()}
+    for package in PACKAGES:
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            found[package] = None
+    return found
+
+
+def _commit() -> str | None:
+    """Return the commit of the source tree, with a mark when it has changes; None outside of one."""
+    root = Path(__file__).resolve().parents[2]
+    if not (root / ".git").exists():
+        return None
+    try:
+        said = subprocess.run(
+            ["git", "-C", str(root), "describe", "--always", "--abbrev=40", "--dirty", "--exclude=*"],
+            capture_output=True,
+            text=True,
+            timeout=10,
+            check=True,
+        )
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return said.stdout.strip() or None

@@ -1,0 +1,37 @@
+// The last seconds of every joint, commanded and measured.
+
+import type { Tick } from "./types";
+
+export interface Sample {
+  t_s: number;
+  target: Float32Array;
+  measured: Float32Array;
+}
+
+const DEG = 180 / Math.PI;
+const degrees = (radians: number[]): Float32Array => Float32Array.from(radians, (angle) => angle * DEG);
+
+export class JointHistory {
+  readonly samples: Sample[] = [];
+  joints = 0;
+
+  constructor(readonly window_s: number) {}
+
+  /** Keep one tick; time that goes back (a new session) or another robot starts afresh. */
+  push(tick: Tick): void {
+    const last = this.samples[this.samples.length - 1];
+    if (tick.q_measured.length !== this.joints || (last && tick.t_s < last.t_s)) this.clear();
+    this.joints = tick.q_measured.length;
+    if (last && this.samples.length > 0 && tick.t_s === last.t_s) return;
+    this.samples.push({ t_s: tick.t_s, target: degrees(tick.q_target), measured: degrees(tick.q_measured) });
+    while ((this.samples[0]?.t_s ?? tick.t_s) < tick.t_s - this.window_s) this.samples.shift();
+  }
+
+  clear(): void {
+    this.samples.length = 0;
+  }
+
+  get end_s(): number {
+    return this.samples[this.samples.length - 1]?.t_s ?? 0;
+  }
+}

@@ -1,0 +1,61 @@
+// The operator's page: each panel on its own, joined by the App's cells and channels.
+
+import { App } from "./app";
+import { byId } from "./dom";
+import { mountLinkBanner, mountNotices } from "./panels/banner";
+import { mountCamera } from "./panels/camera";
+import { mountDrive } from "./panels/drive";
+import { EStop, listenForStopKeys } from "./panels/estop";
+import { mountEstimator } from "./panels/estimator";
+import { mountEvents } from "./panels/events";
+import { mountGaits } from "./panels/gaits";
+import { mountHead } from "./panels/head";
+import { mountHelp } from "./panels/help";
+import { mountJoints } from "./panels/joints";
+import { mountParameters } from "./panels/parameters";
+import { mountRuns } from "./panels/runs";
+import { mountSignIn } from "./panels/signin";
+import { mountSource } from "./panels/source";
+import { mountTabs } from "./panels/tabs";
+import { mountTopbar } from "./panels/topbar";
+import { mountViewer, reloadViewer } from "./panels/viewer";
+import { Telemetry } from "./telemetry";
+import { startTheme } from "./theme";
+import "./styles/tokens.css";
+import "./styles/base.css";
+import "./styles/layout.css";
+import "./styles/panels.css";
+
+function start(): void {
+  const app = new App();
+  const telemetry = new Telemetry(app);
+  startTheme(() => app.theme.emit());
+
+  const estop = new EStop(app);
+  listenForStopKeys(window, app, estop);
+  mountTopbar(app, mountHelp());
+  mountLinkBanner(app);
+  mountNotices(app);
+  mountSource(app);
+  mountGaits(app);
+  mountParameters(app);
+  mountDrive(app);
+  mountViewer(app, (frame) => listenForStopKeys(frame, app, estop));
+  mountCamera(app);
+  mountEstimator(app);
+  mountHead(app);
+  mountTabs(byId("dock-tabs"));
+  mountJoints(app);
+  mountRuns(app);
+  mountEvents(app);
+  mountSignIn(app, () => {
+    telemetry.reconnect();
+    reloadViewer();
+  });
+  app.link.watch(({ phase }) => {
+    if (phase === "live" && app.catalogue.get().length === 0) void app.loadCatalogue();
+  });
+  telemetry.start();
+}
+
+start();

@@ -1,0 +1,98 @@
+// Start, stop and turn.
+
+import { api } from "../api";
+import type { App } from "../app";
+import { byId, h, icon, setText } from "../dom";
+import { fixed } from "../format";
+import { inForce } from "./gaits";
+
+const SEND_EVERY_MS = 150;
+
+export function mountDrive(app: App): void {
+  const start = h("button", { class: "button start", type: "button", id: "start" }, icon("play"), "Start");
+  const stop = h("button", { class: "button stop", type: "button", id: "stop" }, icon("square"), "Stop");
+  const turn = h("input", { type: "range", id: "turn", min: -1, max: 1, step: 0.05, value: 0, class: "centred" });
+  const reading = h("output", { class: "num", for: "turn" }, "straight");
+  const straight = h("button", { class: "text-button", type: "button", id: "straight" }, "Straight");
+  const why = h("p", { class: "hint", id: "drive-note" });
+  byId("drive").append(
+    h("div", { class: "turn" }, h("label", { for: "turn" }, "Turn"), reading, straight, turn, ends()),
+    why,
+    h("div", { class: "drive-actions" }, start, stop),
+  );
+  start.addEventListener("click", () => void app.attempt(() => api.start()));
+  stop.addEventListener("click", () => void app.attempt(() => api.stop()));
+
+  const sender = new TurnSender(app);
+  const show = (value: number) => {
+    // The slider runs left to right on the screen, while a positive turn is to the left.
+    turn.value = String(-value);
+    setText(reading, turnWords(value));
+  };
+  const edit = (value: number) => {
+    show(value);
+    sender.send(value);
+  };
+  turn.addEventListener("input", () => edit(-Number(turn.value)));
+  straight.addEventListener("click", () => edit(0));
+
+  const sync = () => {
+    const state = app.state.get();
+    const ready = app.commandable;
+    start.disabled = !ready || state?.estop.latched === true || state?.moving === true;
+    stop.disabled = !ready || state?.moving !== true;
+    turn.disabled = straight.disabled = !ready;
+    if (state && !sender.busy && document.activeElement !== turn) show(state.gait.turn);
+    setText(why, note(app));
+  };
+  app.state.watch(sync);
+  app.link.watch(sync);
+}
+
+function ends(): HTMLElement {
+  return h("span", { class: "slider-ends muted", "aria-hidden": "true" }, h("span", {}, "left"), h("span", {}, "right"));
+}
+
+function turnWords(turn: number): string {
+  if (Math.abs(turn) < 0.025) return "straight";
+  return `${fixed(100 * Math.abs(turn), 0)} % ${turn > 0 ? "left" : "right"}`;
+}
+
+function note(app: App): string {
+  const state = app.state.get();
+  if (!state || app.link.get().phase !== "live") return "";
+  if (state.source.kind === "recording") return "A recording plays: there is no robot to drive. Choose the simulator above.";
+  if (state.estop.latched) return "Reset the emergency stop first.";
+  return "";
+}
+
+/** Sends the newest turn at a bounded rate while the slider moves. */
+class TurnSender {
+  busy = false;
+  private waiting: number | null = null;
+
+  constructor(private readonly app: App) {}
+
+  send(turn: number): void {
+    this.waiting = turn;
+    if (!this.busy) void this.drain();
+  }
+
+  private async drain(): Promise<void> {
+    this.busy = true;
+    while (this.waiting !== null) {
+      const turn = this.waiting;
+      this.waiting = null;
+      await this.app.attempt(() => api.setGait(this.request(turn)));
+      await new Promise((resolve) => setTimeout(resolve, SEND_EVERY_MS));
+    }
+    this.busy = false;
+  }
+
+  private request(turn: number) {
+    const state = this.app.state.get();
+    const name = state?.gait.name ?? "serpentine";
+    const entry = this.app.catalogue.get().find((gait) => gait.name === name);
+    return { name, ...(entry ? inForce(entry, state) : {}), turn };
+  }
+}

@@ -1,0 +1,68 @@
+// The estimator's health in words, and the numbers behind it.
+
+import type { App } from "../app";
+import { type IconName, byId, h, icon, setText } from "../dom";
+import { fixed, scaled } from "../format";
+import { Sparkline } from "../sparkline";
+import type { Health, RobotState, Tick, Verdict } from "../types";
+import { Readout } from "./readout";
+
+const WORDS: Record<Verdict, { word: string; meaning: string; icon: IconName }> = {
+  initialising: { word: "Initialising", meaning: "Finding the first pose", icon: "dots" },
+  good: { word: "Good", meaning: "The pose rests on the camera", icon: "check" },
+  degraded: { word: "Degraded", meaning: "The pose is less certain", icon: "warn" },
+  blind: { word: "Blind", meaning: "No help from the camera, drifting", icon: "cross" },
+  lost: { word: "Lost", meaning: "The pose cannot be trusted", icon: "cross" },
+};
+
+const MODES: Record<string, string> = {
+  visual: "visual (camera only)",
+  vio: "visual-inertial",
+  planar: "planar filter",
+  fused: "visual-inertial + gait",
+};
+
+export function mountEstimator(app: App): void {
+  const mark = h("span", { class: "verdict-icon" });
+  const word = h("strong", { id: "verdict" });
+  const why = h("p", { class: "verdict-why", id: "verdict-reasons" });
+  const mode = h("span", { class: "muted", id: "estimator-mode" });
+  const box = h("div", { class: "verdict", role: "status", "aria-live": "polite" }, mark, h("div", {}, word, why));
+  const tracks = new Readout({ id: "tracks", label: "Tracked features", unit: "", trend: new Sparkline(300, 40) });
+  const error = new Readout({ id: "error", label: "Error", unit: "cm", trend: new Sparkline(300, 1) });
+  const distance = new Readout({ id: "distance", label: "Distance travelled", unit: "m" });
+  error.root.title = "Position error of the estimate against the simulator's truth";
+  byId("estimator").append(
+    h("header", { class: "panel-head" }, h("h2", {}, "Estimator"), mode),
+    box,
+    tracks.root,
+    error.root,
+    distance.root,
+  );
+  const show = (health: Health) => {
+    const words = WORDS[health.verdict];
+    if (box.dataset["verdict"] !== health.verdict) mark.replaceChildren(icon(words.icon));
+    box.dataset["verdict"] = health.verdict;
+    setText(word, words.word);
+    setText(why, health.reasons.length > 0 ? sentence(health.reasons) : words.meaning);
+  };
+  const onState = (state: RobotState | null) => {
+    if (!state) return;
+    show(state.health);
+    setText(mode, MODES[state.estimator.mode] ?? state.estimator.mode);
+  };
+  const onTick = (tick: Tick) => {
+    show(tick.health);
+    tracks.set(String(tick.health.tracks), tick.health.tracks);
+    error.set(scaled(tick.error_m, 100, 1), tick.error_m === null ? null : tick.error_m * 100);
+    distance.set(fixed(tick.distance_m, 2));
+  };
+  app.state.watch(onState);
+  app.tick.on(onTick);
+  window.setInterval(() => [tracks, error].forEach((readout) => readout.draw()), 200);
+}
+
+function sentence(reasons: string[]): string {
+  const joined = reasons.join("; ");
+  return joined.charAt(0).toUpperCase() + joined.slice(1);
+}

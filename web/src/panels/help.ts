@@ -1,0 +1,33 @@
+// Keys and what the page's words mean.
+
+import { byId, h } from "../dom";
+
+const KEYS: [string, string][] = [
+  ["Space", "Emergency stop (except while typing in a text field). Buttons are pressed with Enter."],
+  ["Esc", "Emergency stop. With the robot at rest it only closes an open dialog."],
+  ["Tab", "To the next control; Enter presses it."],
+];
+
+const WORDS: [string, string][] = [
+  ["Emergency stop", "Latches: the robot holds still until Reset and then Start."],
+  ["Yaw, yaw rate, sway", "How the head moves against the direction of travel. A still head gives sharp pictures."],
+  ["Error", "Position error against the simulator's truth; a real robot or a recording without truth has none."],
+  ["Real time", "1.00 \u00d7 means that simulated time keeps up with the clock."],
+];
+
+export function mountHelp(): () => void {
+  const dialog = byId("help") as HTMLDialogElement;
+  const rows = (pairs: [string, string][], tag: "kbd" | "span") =>
+    pairs.flatMap(([word, meaning]) => [h("dt", {}, h(tag, {}, word)), h("dd", {}, meaning)]);
+  dialog.append(
+    h(
+      "header",
+      { class: "dialog-head" },
+      h("h2", {}, "Keys and words"),
+      h("button", { class: "text-button", type: "button", onclick: () => dialog.close() }, "Close"),
+    ),
+    h("dl", {}, ...rows(KEYS, "kbd")),
+    h("dl", {}, ...rows(WORDS, "span")),
+  );
+  return () => dialog.showModal();
+}

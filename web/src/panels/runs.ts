@@ -1,0 +1,138 @@
+// Scripted runs: submit, watch, read the result, cancel. One runs at a time beside the live view.
+
+import { api } from "../api";
+import type { App } from "../app";
+import { byId, h, setText } from "../dom";
+import { fixed, scaled } from "../format";
+import type { Overrides, Run } from "../types";
+import { labelled, select } from "./source";
+
+const POLL_MS = 1000;
+const IDLE_POLLS = 10;
+const active = (run: Run): boolean => run.state === "queued" || run.state === "running";
+
+export function mountRuns(app: App): void {
+  const body = h("tbody", { id: "run-rows" });
+  const empty = h("p", { class: "muted runs-empty" }, "No runs yet. A run has its own simulator and leaves the live view alone.");
+  byId("runs").append(runForm(app), h("div", { class: "runs-scroll" }, table(body), empty));
+  const rows = new Map<string, Row>();
+  app.runs.watch((runs) => {
+    empty.hidden = runs.length > 0;
+    for (const run of [...runs].reverse()) {
+      let row = rows.get(run.id);
+      if (!row) rows.set(run.id, (row = new Row(app, run.id)));
+      row.show(run);
+    }
+    const order = [...runs].reverse().flatMap((run) => rows.get(run.id)?.root ?? []);
+    if (order.some((root, index) => body.children[index] !== root)) body.replaceChildren(...order);
+  });
+  let polls = 0;
+  window.setInterval(() => {
+    const busy = app.runs.get().some(active);
+    const due = busy || polls++ % IDLE_POLLS === 0;
+    if (due && app.link.get().phase === "live" && !document.hidden) void refreshRuns(app);
+  }, POLL_MS);
+}
+
+async function refreshRuns(app: App): Promise<void> {
+  try {
+    app.runs.set(await api.runs());
+  } catch (error) {
+    console.warn("the list of runs could not be read", error);
+  }
+}
+
+function table(body: HTMLElement): HTMLElement {
+  const heads = ["Run", "State", "ATE (cm)", "Tracked", "Resets", "Speed", "Files", ""];
+  const cells = heads.map((text) => h("th", { scope: "col" }, text));
+  return h("table", { class: "runs-table" }, h("thead", {}, h("tr", {}, ...cells)), body);
+}
+
+function runForm(app: App): HTMLElement {
+  const gaits = select("run-gait", {}, "As configured");
+  const duration = h("input", { type: "number", id: "run-duration", min: 0.5, max: 3600, step: 0.5, value: 20 });
+  const seed = h("input", { type: "number", id: "run-seed", min: 0, step: 1, value: 1 });
+  const more = h("input", { type: "text", id: "run-overrides", placeholder: "sim.world=office", spellcheck: "false" });
+  const form = h(
+    "form",
+    { class: "run-form", novalidate: true },
+    labelled("Gait", gaits),
+    labelled("Duration (s)", duration),
+    labelled("Seed", seed),
+    labelled("More settings", more),
+    h("button", { class: "button primary", type: "submit", id: "run-submit" }, "Run"),
+  );
+  app.catalogue.watch((catalogue) => {
+    const options = catalogue.map(({ name, title }) => h("option", { value: name }, title));
+    gaits.replaceChildren(h("option", { value: "" }, "As configured"), ...options);
+  });
+  form.addEventListener("submit", (event) => {
+    event.preventDefault();
+    const overrides = parseOverrides(more.value);
+    if (gaits.value) overrides["gait.name"] = gaits.value;
+    const request = { config: "sim", overrides, seed: seed.valueAsNumber, duration_s: duration.valueAsNumber };
+    void app.attempt(() => api.submitRun(request)).then(() => refreshRuns(app));
+  });
+  return form;
+}
+
+/** "a.b=1, c.d=x" as an object; numbers and booleans become such. */
+export function parseOverrides(text: string): Overrides {
+  const overrides: Overrides = {};
+  for (const part of text.split(/[,\s]+/).filter((piece) => piece !== "")) {
+    const [key = "", ...rest] = part.split("=");
+    const value = rest.join("=");
+    const number = Number(value);
+    overrides[key] = value === "true" ? true : value === "false" ? false : value !== "" && Number.isFinite(number) ? number : value;
+  }
+  return overrides;
+}
+
+class Row {
+  readonly root = h("tr");
+  private readonly state = h("td");
+  private readonly bar = h("progress", { max: 1, value: 0 });
+  private readonly words = h("span");
+  private readonly cells = Array.from({ length: 4 }, () => h("td", { class: "num" }));
+  private readonly files = h("td", { class: "run-files" });
+  private readonly cancel = h("button", { class: "text-button", type: "button" }, "Cancel");
+  private artifacts = "";
+
+  constructor(app: App, private readonly id: string) {
+    this.cancel.addEventListener("click", () => void app.attempt(() => api.cancelRun(id)).then(() => refreshRuns(app)));
+    this.cancel.setAttribute("aria-label", `Cancel run ${id}`);
+    this.bar.setAttribute("aria-label", `Progress of run ${id}`);
+    this.state.append(this.words, this.bar);
+    this.root.append(h("td", { class: "num" }, id.slice(0, 8)), this.state, ...this.cells, this.files, h("td", {}, this.cancel));
+    this.root.dataset["run"] = id;
+  }
+
+  show(run: Run): void {
+    this.root.dataset["state"] = run.state;
+    this.bar.hidden = run.state !== "running";
+    this.bar.value = run.progress;
+    this.cancel.hidden = !active(run);
+    setText(this.words, run.state === "running" ? `${Math.round(100 * run.progress)} %` : run.state);
+    this.words.title = run.error ?? "";
+    const m = run.metrics;
+    const texts = [
+      scaled(m?.ate_m?.posyaw, 100, 1),
+      m?.tracked_fraction == null ? "\u2013" : `${fixed(100 * m.tracked_fraction, 0)} %`,
+      fixed(m?.resets, 0),
+      m?.speed_m_s == null ? "\u2013" : `${fixed(100 * m.speed_m_s, 1)} cm/s`,
+    ];
+    this.cells.forEach((cell, index) => setText(cell, texts[index] ?? ""));
+    this.showFiles(run);
+  }
+
+  private showFiles(run: Run): void {
+    const key = run.error ?? run.artifacts.join();
+    if (key === this.artifacts) return;
+    this.artifacts = key;
+    if (run.error) this.files.replaceChildren(h("span", { class: "run-error" }, run.error));
+    else {
+      const links = run.artifacts.map((name) => h("a", { href: api.artifactUrl(this.id, name), download: name }, name));
+      this.files.replaceChildren(...links);
+    }
+  }
+}

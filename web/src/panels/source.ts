@@ -1,0 +1,131 @@
+// What is shown: the simulator with its main settings, or a recording.
+
+import { api } from "../api";
+import type { App } from "../app";
+import { byId, h, icon, setText } from "../dom";
+import { fixed } from "../format";
+import type { Overrides, Recording, RobotState } from "../types";
+
+type Choices = Record<string, string>;
+
+const WORLDS: Choices = { corridor: "Corridor", office: "Office", rubble: "Rubble", blank: "Blank (little texture)" };
+const ROBOTS: Choices = { sim35: "35 joints (sim35)", orthogonal24: "24 joints (orthogonal24)" };
+const MODES: Choices = { vio: "Visual-inertial", visual: "Visual (camera only)" };
+const KINDS: Choices = { euroc: "EuRoC", tum: "TUM RGB-D", tum_rgbd: "TUM RGB-D" };
+
+export function select(id: string, choices: Choices, first: string | null = null): HTMLSelectElement {
+  const options = Object.entries(choices).map(([value, text]) => h("option", { value }, text));
+  return h("select", { id }, ...(first === null ? [] : [h("option", { value: "" }, first)]), ...options);
+}
+
+export function labelled(text: string, control: HTMLElement): HTMLElement {
+  return h("div", { class: "labelled" }, h("label", { for: control.id }, text), control);
+}
+
+export function mountSource(app: App): void {
+  const button = byId("source") as HTMLButtonElement;
+  const name = h("span", { class: "source-name" });
+  const kind = h("span", { class: "source-kind" });
+  button.append(h("span", { class: "source-words" }, kind, name), icon("chevron"));
+  const dialog = new SourceDialog(app);
+  button.addEventListener("click", () => dialog.open());
+  app.state.watch((state) => {
+    setText(kind, state?.source.kind === "recording" ? "Recording" : "Simulator");
+    setText(name, state ? sourceName(state) : "\u2013");
+  });
+}
+
+const sourceName = (state: RobotState): string =>
+  state.source.kind === "sim" ? `${state.source.name}, ${state.robot.model}` : state.source.name;
+
+class SourceDialog {
+  private readonly dialog = byId("source-dialog") as HTMLDialogElement;
+  private readonly world = select("sim-world", WORLDS, "As configured");
+  private readonly robot = select("sim-robot", ROBOTS, "As configured");
+  private readonly simMode = select("sim-mode", MODES, "As configured");
+  private readonly friction = h("input", { type: "number", id: "sim-friction", min: 1, max: 20, step: 0.5, placeholder: "As configured" });
+  private readonly list = h("ul", { class: "recordings" });
+
+  constructor(private readonly app: App) {
+    const close = h("button", { class: "text-button", type: "button", onclick: () => this.dialog.close() }, "Close");
+    const form = h(
+      "form",
+      { class: "sim-form" },
+      labelled("World", this.world),
+      labelled("Robot", this.robot),
+      labelled("Estimator", this.simMode),
+      labelled("Friction ratio", this.friction),
+      h("button", { class: "button primary", type: "submit", id: "sim-start" }, "Start the simulator"),
+    );
+    form.addEventListener("submit", (event) => {
+      event.preventDefault();
+      this.choose(() => api.startSim(this.overrides()));
+    });
+    this.dialog.append(
+      h("header", { class: "dialog-head" }, h("h2", {}, "What to show"), close),
+      h("section", {}, h("h3", {}, icon("cube"), "Simulator"), form),
+      h("section", {}, h("h3", {}, icon("film"), "Recordings"), this.list),
+    );
+    this.dialog.addEventListener("click", (event) => {
+      if (event.target === this.dialog) this.dialog.close();
+    });
+  }
+
+  open(): void {
+    this.dialog.showModal();
+    void this.load();
+  }
+
+  private overrides(): Overrides {
+    const chosen: Overrides = {};
+    if (this.world.value) chosen["sim.world"] = this.world.value;
+    if (this.robot.value) chosen["robot.model"] = this.robot.value;
+    if (this.simMode.value) chosen["estimator.mode"] = this.simMode.value;
+    if (this.friction.value) chosen["sim.friction_ratio"] = Number(this.friction.value);
+    return chosen;
+  }
+
+  private choose(action: () => Promise<unknown>): void {
+    this.dialog.close();
+    void this.app.attempt(action);
+  }
+
+  private async load(): Promise<void> {
+    const recordings = await this.app.attempt(() => api.recordings());
+    if (!recordings) return;
+    if (recordings.length > 0) this.list.replaceChildren(...recordings.map((recording) => this.row(recording)));
+    else this.list.replaceChildren(h("li", { class: "muted" }, "None found. Start the server with --recordings DIR."));
+  }
+
+  private row(recording: Recording): HTMLElement {
+    const mode = select(`mode-${recording.id}`, MODES);
+    // A TUM RGB-D folder has no gyroscope as a rule.
+    mode.value = recording.kind.startsWith("tum") ? "visual" : "vio";
+    mode.setAttribute("aria-label", `Estimator for ${recording.name}`);
+    const play = h(
+      "button",
+      {
+        class: "button",
+        type: "button",
+        "aria-label": `Play ${recording.name}`,
+        onclick: () => this.choose(() => api.play(recording.id, mode.value)),
+      },
+      icon("play"),
+      "Play",
+    );
+    return h(
+      "li",
+      { "data-recording": recording.name },
+      h("div", {}, h("strong", {}, recording.name), h("span", { class: "muted" }, facts(recording))),
+      mode,
+      play,
+    );
+  }
+}
+
+function facts({ kind, frames, duration_s }: Recording): string {
+  const parts = [KINDS[kind] ?? kind];
+  if (frames !== null) parts.push(`${frames} frames`);
+  if (duration_s !== null) parts.push(`${fixed(duration_s, 1)} s`);
+  return parts.join(", ");
+}

@@ -1,0 +1,41 @@
+// Dark or light: the system's preference until the operator chooses.
+
+const KEY = "snakeslam-theme";
+
+export type Theme = "dark" | "light";
+
+function stored(): Theme | null {
+  try {
+    const value = localStorage.getItem(KEY);
+    return value === "dark" || value === "light" ? value : null;
+  } catch {
+    return null; // storage may be switched off; the system's preference then stands
+  }
+}
+
+export function currentTheme(): Theme {
+  return stored() ?? (matchMedia("(prefers-color-scheme: light)").matches ? "light" : "dark");
+}
+
+function show(): void {
+  document.documentElement.dataset["theme"] = currentTheme();
+}
+
+/** Apply the theme now and whenever the system's preference changes. */
+export function startTheme(onChange: () => void): void {
+  show();
+  matchMedia("(prefers-color-scheme: light)").addEventListener("change", () => {
+    show();
+    onChange();
+  });
+}
+
+export function toggleTheme(): void {
+  const next = currentTheme() === "dark" ? "light" : "dark";
+  try {
+    localStorage.setItem(KEY, next);
+  } catch {
+    // Not kept for the next visit, but shown now.
+  }
+  document.documentElement.dataset["theme"] = next;
+}

@@ -1,0 +1,119 @@
+// The HTTP contract with the server, as the page sees it. Units are in the names.
+
+export interface GaitParameter {
+  key: ParameterKey;
+  label: string;
+  unit: string;
+  min: number;
+  max: number;
+  step: number;
+  default: number;
+}
+
+export type ParameterKey = "alpha_pi" | "wavelength_joints" | "period_s" | "amplitude_deg";
+export type ParameterValues = Partial<Record<ParameterKey, number | null>>;
+
+export interface GaitEntry {
+  name: string;
+  title: string;
+  summary: string;
+  parameters: GaitParameter[];
+}
+
+export type GaitState = { name: string; drive: number; turn: number } & ParameterValues;
+export type GaitRequest = { name: string; turn?: number } & ParameterValues;
+
+export interface GaitAnswer {
+  current: GaitState;
+  catalogue: GaitEntry[];
+}
+
+export type Verdict = "initialising" | "good" | "degraded" | "blind" | "lost";
+
+export interface Health {
+  verdict: Verdict;
+  reasons: string[];
+  tracks: number;
+}
+
+export interface RobotState {
+  source: { kind: "sim" | "recording"; name: string };
+  t_s: number;
+  moving: boolean;
+  estop: { latched: boolean; reason: string | null };
+  gait: GaitState;
+  robot: { model: string; joints: number };
+  estimator: { mode: string };
+  health: Health;
+  realtime_factor: number | null;
+  session: "running" | "starting" | "ended" | "failed";
+  message: string | null;
+}
+
+export interface Tick {
+  t_s: number;
+  realtime_factor: number | null;
+  frame_rate_hz: number | null;
+  q_target: number[];
+  q_measured: number[];
+  moving: boolean;
+  head: { yaw_deg: number | null; yaw_rate_deg_s: number | null; sway_m: number | null };
+  health: Health;
+  error_m: number | null;
+  distance_m: number | null;
+  map_points: number;
+}
+
+export interface TimelineEvent {
+  t_s: number;
+  level: "info" | "warning" | "error";
+  text: string;
+}
+
+/** One tracked feature: x in px, y in px, 1 for an inlier, id. */
+export type Track = [number, number, 0 | 1, number];
+
+export interface Frame {
+  t_s: number;
+  seq: number;
+  width: number;
+  height: number;
+  tracks: Track[];
+  jpeg: Blob;
+}
+
+export interface Recording {
+  id: string;
+  name: string;
+  kind: string;
+  frames: number | null;
+  duration_s: number | null;
+}
+
+export type Overrides = Record<string, string | number | boolean>;
+
+export interface RunRequest {
+  config: string;
+  overrides: Overrides;
+  seed: number;
+  duration_s: number;
+}
+
+export interface RunMetrics {
+  ate_m?: { posyaw: number | null; se3: number | null } | null;
+  tracked_fraction?: number | null;
+  resets?: number | null;
+  path_m?: number | null;
+  speed_m_s?: number | null;
+  realtime_factor?: number | null;
+}
+
+export interface Run {
+  id: string;
+  state: "queued" | "running" | "done" | "failed" | "cancelled";
+  progress: number;
+  metrics: RunMetrics | null;
+  artifacts: string[];
+  error: string | null;
+  request?: RunRequest;
+}

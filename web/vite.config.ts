@@ -1,0 +1,15 @@
+import { defineConfig } from "vite";
+
+// `npm run dev` serves the page alone and hands everything else to a running `snakeslam serve`.
+const server = "http://127.0.0.1:8000";
+
+export default defineConfig({
+  build: { target: "es2022", assetsInlineLimit: 0 },
+  server: {
+    proxy: {
+      "/api": { target: server, ws: true },
+      "/viewer": { target: server, ws: true },
+      "/login": server,
+    },
+  },
+});

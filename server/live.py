@@ -1,0 +1,297 @@
+"""The live session as the server sees it: one child process, its newest reports, and commands to it."""
+
+import asyncio
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from http import HTTPStatus
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
+from typing import Any, Literal
+
+import structlog
+
+from server.problem import Problem
+from snakeslam.messages import Float, GaitCommand, MapChunk
+from snakeslam.runtime.session import SessionSpec, start_session
+from snakeslam.runtime.topics import (
+    Command,
+    Ended,
+    EStop,
+    Event,
+    Report,
+    ResetEStop,
+    Shutdown,
+    Start,
+    Started,
+    Tick,
+)
+
+NS = 1e-9
+CONFIRM_S = 2.0
+END_S = 2.0
+MAX_PATH = 20_000
+Phase = Literal["starting", "running", "ended", "failed"]
+_log = structlog.get_logger("live")
+
+
+@dataclass(slots=True)
+class Path3:
+    """Positions over time, thinned by half whenever it grows too long: rows of (t_s, x, y, z)."""
+
+    rows: list[tuple[float, float, float, float]] = field(default_factory=list)
+    _every: int = 1
+    _count: int = 0
+
+    def add(self, t_s: float, T_WI: Float) -> None:
+        """Append a position, if it is its turn."""
+        self._count += 1
+        if self._count % self._every:
+            return
+        x, y, z = T_WI[:3, 3].tolist()
+        self.rows.append((round(t_s, 4), x, y, z))
+        if len(self.rows) > MAX_PATH:
+            self.rows = self.rows[::2]
+            self._every *= 2
+
+
+@dataclass(slots=True)
+class View:
+    """All that is known of the session that runs, or ran last."""
+
+    kind: Literal["sim", "recording"]
+    name: str
+    phase: Phase = "starting"
+    message: str | None = None
+    started: Started | None = None
+    tick: Tick | None = None
+    chunks: dict[int, MapChunk] = field(default_factory=dict)
+    estimate: Path3 = field(default_factory=Path3)
+    truth: Path3 = field(default_factory=Path3)
+
+    def t_s(self, t_ns: int) -> float:
+        """Seconds since the session's start."""
+        return 0.0 if self.started is None else (t_ns - self.started.t_start_ns) * NS
+
+    def take(self, report: Report) -> None:
+        """Keep what a report says."""
+        if isinstance(report, Started):
+            self.started, self.phase = report, "running"
+        elif isinstance(report, Tick):
+            self._take_tick(report)
+        elif isinstance(report, MapChunk):
+            known = self.chunks.get(report.key)
+            if known is None or known.revision <= report.revision:
+                self.chunks[report.key] = report
+        elif isinstance(report, Ended):
+            self.phase, self.message = ("ended", None) if report.error is None else ("failed", report.error)
+
+    def _take_tick(self, tick: Tick) -> None:
+        if self.tick is None or tick.t_ns > self.tick.t_ns:
+            for path, T in ((self.estimate, tick.T_WI), (self.truth, tick.T_WI_truth)):
+                if T is not None:
+                    path.add(self.t_s(tick.t_ns), T)
+        self.tick = tick
+
+
+Listener = Callable[[Report, View], None]
+
+
+class Live:
+    """Starts, supervises and commands the session; one at a time. All methods belong to the event loop's thread."""
+
+    def __init__(self, start: Callable[[SessionSpec], Any] = start_session) -> None:
+        self._start_process = start
+        self._listeners: list[Listener] = []
+        self._starting = asyncio.Lock()
+        self._child: _Child | None = None
+        self._estop_reason: str | None = None
+        self.view = View("sim", "")
+        self.view.phase = "ended"
+
+    def listen(self, listener: Listener) -> None:
+        """Have every report of every session from now on."""
+        self._listeners.append(listener)
+
+    @property
+    def estop_reason(self) -> str | None:
+        """Why the E-stop is latched; it outlives sessions."""
+        return self._estop_reason
+
+    async def start(self, spec: SessionSpec, kind: Literal["sim", "recording"], name: str) -> None:
+        """End the session that runs and start another; a latched E-stop stays latched."""
+        async with self._starting:
+            await self.stop()
+            self.view = View(kind, name)
+            self._tell(Event(0, "info", f"starting {name}"))
+            spec = replace(spec, estop_reason=self._estop_reason)
+            self._child = child = _Child(asyncio.get_running_loop(), self._report)
+            await asyncio.to_thread(child.start, self._start_process, spec)
+            if self._estop_reason is not None and spec.estop_reason is None:
+                child.send(EStop(self._estop_reason))  # Latched while the process was being made.
+
+    async def stop(self) -> None:
+        """End the session that runs, if any."""
+        child, self._child = self._child, None
+        if child is not None:
+            await asyncio.to_thread(child.stop)
+
+    async def command(self, command: Command) -> None:
+        """Send a command and wait until the session has obeyed it; Problem when it cannot."""
+        child = self._child
+        if child is None or self.view.phase in ("ended", "failed"):
+            raise Problem(HTTPStatus.CONFLICT, "no session is running; start the simulator first")
+        if self.view.phase == "starting":
+            raise Problem(HTTPStatus.CONFLICT, "the session is still starting; try again in a moment")
+        await self._send(child, command)
+
+    async def _send(self, child: "_Child", command: Command) -> None:
+        try:
+            await child.obeyed(await asyncio.to_thread(child.send, command))
+        except (OSError, TimeoutError) as error:
+            raise Problem(HTTPStatus.SERVICE_UNAVAILABLE, "the session did not answer") from error
+
+    async def estop(self, reason: str) -> None:
+        """Latch the E-stop: here, for every session to come, and in the one that runs."""
+        self._estop_reason = self._estop_reason or reason
+        await self._urgent(EStop(reason))
+
+    async def reset_estop(self) -> None:
+        """Clear the latch; nothing moves for it."""
+        self._estop_reason = None
+        await self._urgent(ResetEStop())
+
+    async def _urgent(self, command: Command) -> None:
+        """Send at any time: a session that is still being built takes it before its first step."""
+        child = self._child
+        if child is None or self.view.phase in ("ended", "failed"):
+            return
+        if self.view.phase == "running":
+            await self._send(child, command)
+        elif child.connected:
+            await asyncio.to_thread(child.send, command)
+
+    async def move(self) -> None:
+        """Set the robot going; Problem while the E-stop is latched or there is no robot."""
+        if self._estop_reason is not None:
+            raise Problem(HTTPStatus.CONFLICT, "the E-stop is latched; reset it first")
+        self.need_robot()
+        await self.command(Start())
+
+    def need_robot(self) -> None:
+        """Raise a Problem when nothing here can move."""
+        if self.view.kind == "recording":
+            raise Problem(HTTPStatus.CONFLICT, "a recording is playing: there is no robot to command")
+
+    def gait(self) -> GaitCommand | None:
+        """The gait that the session has now."""
+        if self.view.tick is not None:
+            return self.view.tick.gait
+        return None if self.view.started is None else self.view.started.gait
+
+    def _report(self, child: "_Child", report: Report) -> None:
+        if child is not self._child:
+            return  # The last words of a session that was replaced.
+        self.view.take(report)
+        if isinstance(report, Tick) and report.estop_reason is not None:
+            self._estop_reason = self._estop_reason or report.estop_reason
+        if isinstance(report, Ended) and report.error is not None:
+            _log.error("session failed", reason=report.error)
+        self._tell(report)
+
+    def _tell(self, report: Report) -> None:
+        for listener in self._listeners:
+            listener(report, self.view)
+
+
+class _Child:
+    """The process, its pipe, and the thread that reads it."""
+
+    def __init__(self, loop: asyncio.AbstractEventLoop, report: "Callable[[_Child, Report], None]") -> None:
+        self._loop, self._report = loop, report
+        self._sending = threading.Lock()
+        self._process: BaseProcess | None = None
+        self._pipe: Connection[Command, Report] | None = None
+        self._reader: threading.Thread | None = None
+        self._sent = 0
+        self._done = 0
+        self._progress = asyncio.Event()
+
+    def start(self, start: Callable[[SessionSpec], Any], spec: SessionSpec) -> None:
+        """Start the process and read it; blocks for as long as a process takes to fork."""
+        self._process, self._pipe = start(spec)
+        self._reader = threading.Thread(target=self._read, name="session-reader", daemon=True)
+        self._reader.start()
+
+    @property
+    def connected(self) -> bool:
+        """Whether there is a process to talk to."""
+        return self._pipe is not None
+
+    def send(self, command: Command) -> int:
+        """Send; return the number that ``commands_done`` reaches when it is obeyed."""
+        with self._sending:
+            if self._pipe is None:
+                raise BrokenPipeError
+            self._pipe.send(command)
+            self._sent += 1
+            return self._sent
+
+    async def obeyed(self, number: int) -> None:
+        """Wait until the session says so; TimeoutError when it does not in time."""
+        async with asyncio.timeout(CONFIRM_S):
+            while self._done < number:
+                self._progress.clear()
+                await self._progress.wait()
+
+    def stop(self) -> None:
+        """Ask the process to end, then insist."""
+        process, pipe = self._process, self._pipe
+        if process is None or pipe is None:
+            return
+        try:
+            self.send(Shutdown())
+        except OSError:
+            pass
+        process.join(END_S)
+        if process.is_alive():
+            process.terminate()
+            process.join(END_S)
+        if process.is_alive():
+            process.kill()
+            process.join()
+        if self._reader is not None:
+            self._reader.join(END_S)
+        process.close()
+
+    def _read(self) -> None:
+        """Hand every report to the event loop; a pipe that ends without a last word is a crash."""
+        ended = False
+        assert self._pipe is not None
+        try:
+            while True:
+                report = self._pipe.recv()
+                ended = ended or isinstance(report, Ended)
+                self._hand_over(report)
+        except (EOFError, OSError):
+            self._pipe.close()
+        if not ended:
+            self._hand_over(Ended(f"the session's process ended unexpectedly ({self._how()})"))
+
+    def _how(self) -> str:
+        assert self._process is not None
+        self._process.join(END_S)
+        code = self._process.exitcode
+        return "no exit code" if code is None else f"signal {-code}" if code < 0 else f"exit code {code}"
+
+    def _hand_over(self, report: Report) -> None:
+        try:
+            self._loop.call_soon_threadsafe(self._take, report)
+        except RuntimeError:
+            pass  # The server is closing; nobody listens any more.
+
+    def _take(self, report: Report) -> None:
+        if isinstance(report, Tick):
+            self._done = report.commands_done
+            self._progress.set()
+        self._report(self, report)

@@ -1,0 +1,97 @@
+"""The session's reports in the words of the HTTP contract."""
+
+import json
+import struct
+from dataclasses import asdict
+from typing import Any
+
+from server.live import Live, View
+from snakeslam.messages import Float, GaitCommand, Health, Verdict
+from snakeslam.runtime.topics import Event, Picture, Tick
+
+FRAME = b"\x01"
+Json = dict[str, Any]
+
+
+def gait_json(gait: GaitCommand | None) -> Json | None:
+    """A gait with its parameters; None for those at the gait's own default."""
+    if gait is None:
+        return None
+    return {
+        "name": gait.gait,
+        "drive": gait.drive,
+        "turn": gait.turn,
+        "alpha_pi": gait.alpha_pi,
+        "wavelength_joints": gait.wavelength_joints,
+        "period_s": gait.period_s,
+        "amplitude_deg": gait.amplitude_deg,
+    }
+
+
+def state_json(live: Live) -> Json:
+    """GET /state."""
+    view, started, tick = live.view, live.view.started, live.view.tick
+    shape = None if started is None else started.robot
+    return {
+        "source": {"kind": view.kind, "name": view.name},
+        "t_s": 0.0 if tick is None else round(view.t_s(tick.t_ns), 4),
+        "moving": view.phase == "running" and tick is not None and tick.moving,
+        "estop": {"latched": live.estop_reason is not None, "reason": live.estop_reason},
+        "gait": gait_json(live.gait()),
+        "robot": None if shape is None else {"model": shape.model, "joints": shape.joint_count},
+        "estimator": {"mode": None if started is None else started.estimator_mode},
+        "health": _health_json(Health(Verdict.INITIALISING) if tick is None else tick.health),
+        "realtime_factor": _round(None if tick is None else tick.realtime_factor, 3),
+        "session": view.phase,
+        "message": view.message,
+    }
+
+
+def tick_json(view: View, tick: Tick) -> Json:
+    """A tick of /telemetry."""
+    return {
+        "type": "tick",
+        "t_s": round(view.t_s(tick.t_ns), 4),
+        "realtime_factor": _round(tick.realtime_factor, 3),
+        "frame_rate_hz": _round(tick.frame_rate_hz, 2),
+        "q_target": _angles(tick.q_target_rad),
+        "q_measured": _angles(tick.q_measured_rad),
+        "moving": tick.moving,
+        "estop": {"latched": tick.estop_reason is not None, "reason": tick.estop_reason},
+        "head": {key: _round(value, 4) for key, value in asdict(tick.head).items()},
+        "health": _health_json(tick.health),
+        "error_m": _round(tick.error_m, 5),
+        "distance_m": _round(tick.distance_m, 4),
+        "map_points": tick.map_points,
+    }
+
+
+def event_json(view: View, event: Event) -> Json:
+    """An event of /telemetry."""
+    t_s = round(view.t_s(event.t_ns), 4)
+    return {"type": "event", "t_s": max(t_s, 0.0), "level": event.level, "text": event.text}
+
+
+def picture_bytes(view: View, picture: Picture) -> bytes:
+    """A camera frame of /telemetry: kind, header length, header, JPEG."""
+    header = {
+        "t_s": round(view.t_s(picture.t_ns), 4),
+        "seq": picture.seq,
+        "width": picture.width,
+        "height": picture.height,
+        "tracks": picture.tracks,
+    }
+    text = json.dumps(header, separators=(",", ":")).encode()
+    return FRAME + struct.pack("<I", len(text)) + text + picture.jpeg
+
+
+def _health_json(health: Health) -> Json:
+    return {"verdict": health.verdict.value, "reasons": list(health.reasons), "tracks": health.tracks}
+
+
+def _angles(q_rad: Float | None) -> list[float]:
+    return [] if q_rad is None else [round(q, 4) for q in q_rad.tolist()]
+
+
+def _round(value: float | None, digits: int) -> float | None:
+    return None if value is None else round(value, digits)

@@ -1,0 +1,158 @@
+"""The telemetry websocket: every client gets the newest state, tick and picture; a slow one gets fewer."""
+
+import asyncio
+import json
+from collections import deque
+from typing import Any
+
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from server.live import Live, View
+from server.metrics import Metrics
+from server.state import event_json, picture_bytes, state_json, tick_json
+from snakeslam.messages import MapChunk
+from snakeslam.runtime.topics import Ended, Event, Picture, Report, Started, Tick
+
+MAX_EVENTS = 100
+MAX_CLIENTS = 32
+STALLED_S = 15.0
+# What changes at every tick is no news of its own.
+NOT_NEWS = ("t_s", "realtime_factor", "health")
+
+
+class Client:
+    """The bounded queue of one websocket: newest wins, except for events."""
+
+    def __init__(self, metrics: Metrics) -> None:
+        self._metrics = metrics
+        self._newest: dict[str, str | bytes] = {}
+        self._events: deque[str] = deque(maxlen=MAX_EVENTS)
+        self._changed = asyncio.Event()
+
+    def put(self, kind: str, message: str | bytes) -> None:
+        """Replace what has not been sent of this kind."""
+        if kind in self._newest:
+            self._metrics.dropped.labels(kind).inc()
+        self._newest[kind] = message
+        self._changed.set()
+
+    def put_event(self, message: str) -> None:
+        """Queue words for the timeline."""
+        self._events.append(message)
+        self._changed.set()
+
+    async def next(self) -> list[str | bytes]:
+        """Wait for messages and take them: state first, then events, tick, picture."""
+        await self._changed.wait()
+        self._changed.clear()
+        state = [self._newest.pop("state")] if "state" in self._newest else []
+        batch = [*state, *self._events, *self._newest.values()]
+        self._newest.clear()
+        self._events.clear()
+        return batch
+
+
+class Telemetry:
+    """Fans the session's reports out to websockets."""
+
+    def __init__(self, live: Live, metrics: Metrics) -> None:
+        self._live, self._metrics = live, metrics
+        self._clients: set[Client] = set()
+        self._recent: deque[str] = deque(maxlen=MAX_EVENTS)
+        self._news: dict[str, Any] = {}
+        live.listen(self._on_report)
+
+    async def serve(self, socket: WebSocket) -> None:
+        """Serve one websocket until either side ends it."""
+        if len(self._clients) >= MAX_CLIENTS:
+            await socket.close(1013, "too many clients")
+            return
+        await socket.accept()
+        client = Client(self._metrics)
+        client.put("state", self._state_text())
+        for text in self._recent:
+            client.put_event(text)
+        self._clients.add(client)
+        self._metrics.clients.set(len(self._clients))
+        listening = asyncio.create_task(_until_closed(socket))
+        sending = asyncio.create_task(_send_all(socket, client))
+        try:
+            await asyncio.wait({listening, sending}, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            self._clients.discard(client)
+            self._metrics.clients.set(len(self._clients))
+            for task in (listening, sending):
+                task.cancel()
+            await asyncio.gather(listening, sending, return_exceptions=True)
+
+    def tell_state(self) -> None:
+        """Send the state to all, as after something changed that no report tells."""
+        self._news = self._news_of(state_json(self._live))
+        text = self._state_text()
+        for client in self._clients:
+            client.put("state", text)
+
+    def _on_report(self, report: Report, view: View) -> None:
+        if isinstance(report, Tick):
+            self._metrics.on_tick(report)
+            self._broadcast("tick", json.dumps(tick_json(view, report), separators=(",", ":")))
+        elif isinstance(report, Picture):
+            self._metrics.pictures.inc()
+            if self._clients:
+                self._broadcast("picture", picture_bytes(view, report))
+        elif isinstance(report, Event):
+            self._event(json.dumps(event_json(view, report), separators=(",", ":")))
+        elif isinstance(report, Ended):
+            text = "the session ended" if report.error is None else report.error
+            level = "info" if report.error is None else "error"
+            t_ns = 0 if view.tick is None else view.tick.t_ns
+            self._event(json.dumps(event_json(view, Event(t_ns, level, text)), separators=(",", ":")))
+        if isinstance(report, Started | Ended | Event) or self._has_news(report):
+            self.tell_state()
+
+    def _has_news(self, report: Report) -> bool:
+        return not isinstance(report, MapChunk | Picture) and self._news_of(state_json(self._live)) != self._news
+
+    @staticmethod
+    def _news_of(state: dict[str, Any]) -> dict[str, Any]:
+        news = {key: value for key, value in state.items() if key not in NOT_NEWS}
+        return news | {"verdict": state["health"]["verdict"]}
+
+    def _state_text(self) -> str:
+        return json.dumps({"type": "state", **state_json(self._live)}, separators=(",", ":"))
+
+    def _broadcast(self, kind: str, message: str | bytes) -> None:
+        for client in self._clients:
+            client.put(kind, message)
+
+    def _event(self, text: str) -> None:
+        self._recent.append(text)
+        for client in self._clients:
+            client.put_event(text)
+
+
+async def _until_closed(socket: WebSocket) -> None:
+    """Read and forget: clients have nothing to say here."""
+    try:
+        while True:
+            message = await socket.receive()
+            if message["type"] == "websocket.disconnect":
+                return
+    except (WebSocketDisconnect, RuntimeError):
+        return
+
+
+async def _send_all(socket: WebSocket, client: Client) -> None:
+    """Send what comes; a client that takes nothing for STALLED_S is let go."""
+    try:
+        while True:
+            for message in await client.next():
+                async with asyncio.timeout(STALLED_S):
+                    if isinstance(message, str):
+                        await socket.send_text(message)
+                    else:
+                        await socket.send_bytes(message)
+    except TimeoutError:
+        await socket.close(1013, "too slow")
+    except (WebSocketDisconnect, RuntimeError):
+        return

@@ -1,0 +1,198 @@
+"""The live view's sink: what the loop gives becomes ticks, pictures, chunks and events for the host."""
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from time import monotonic
+
+import cv2
+import numpy as np
+
+from snakeslam.geometry import se3
+from snakeslam.messages import (
+    CameraFrame,
+    Float,
+    GaitCommand,
+    GroundTruth,
+    Health,
+    ImuSample,
+    JointState,
+    JointTarget,
+    Packet,
+    SlamUpdate,
+    Verdict,
+)
+from snakeslam.robot.kinematics import link_poses_from_imu
+from snakeslam.robot.model import SnakeModel
+from snakeslam.runtime.stillness import HeadStillness
+from snakeslam.runtime.topics import Event, Picture, Report, Tick
+
+NS = 1e-9
+PERIOD_S = 0.05
+JPEG_QUALITY = 80
+TRUTH_KEPT = 400
+LEAST_STEP_M = 0.01
+
+
+class TruthView:
+    """Brings the truth to the estimate's first pose by yaw and translation, for display and a plain error."""
+
+    def __init__(self) -> None:
+        self._recent: deque[GroundTruth] = deque(maxlen=TRUTH_KEPT)
+        self._T_align: Float | None = None
+
+    def on_truth(self, truth: Sequence[GroundTruth]) -> None:
+        """Take new truth."""
+        self._recent.extend(truth)
+
+    def at(self, t_ns: int, T_WI: Float | None) -> Float | None:
+        """Return the aligned truth nearest to ``t_ns`` (within 20 ms), (4, 4); the first estimate aligns it."""
+        nearest = min(self._recent, key=lambda truth: abs(truth.t_ns - t_ns), default=None)
+        if nearest is None or abs(nearest.t_ns - t_ns) * NS > 0.02:
+            return None
+        if self._T_align is None:
+            if T_WI is None:
+                return None
+            self._T_align = _yaw_alignment(T_WI, nearest.T_WI)
+        return self._T_align @ nearest.T_WI
+
+
+def _yaw_alignment(T_WI: Float, T_GI: Float) -> Float:
+    """Return T_WG of yaw and translation only that brings pose ``T_GI`` onto ``T_WI``."""
+    R = T_WI[:3, :3] @ T_GI[:3, :3].T
+    yaw = np.arctan2(R[1, 0] - R[0, 1], R[0, 0] + R[1, 1])
+    c, s = np.cos(yaw), np.sin(yaw)
+    R_WG = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    return se3.from_rt(R_WG, T_WI[:3, 3] - R_WG @ T_GI[:3, 3])
+
+
+class LiveSink:
+    """Keeps the newest of everything; ``put`` gets a report at most 20 times a second of each kind that may drop."""
+
+    def __init__(
+        self, model: SnakeModel | None, put: Callable[[Report], None], clock: Callable[[], float] = monotonic
+    ) -> None:
+        self._model, self._put, self._clock = model, put, clock
+        self._truth, self._still = TruthView(), HeadStillness()
+        self._health = Health(Verdict.INITIALISING)
+        self._T_WI: Float | None = None
+        self._T_WI_truth: Float | None = None
+        self._q_target: Float | None = None
+        self._q_measured: Float | None = None
+        self._points: dict[int, int] = {}
+        self._distance_m: float | None = None
+        self._last_p_W: Float | None = None
+        self._frames: deque[float] = deque(maxlen=40)
+        self._tick_at = self._picture_at = -np.inf
+        self._t_frame_ns = 0
+
+    def on_target(self, target: JointTarget) -> None:
+        """Take the commanded angles."""
+        self._q_target = target.q_rad
+
+    def on_packet(self, packet: Packet) -> None:
+        """Take a packet."""
+        if isinstance(packet, JointState):
+            self._q_measured = packet.q_rad
+        elif isinstance(packet, ImuSample):
+            self._still.on_imu(packet)
+
+    def on_truth(self, truth: Sequence[GroundTruth]) -> None:
+        """Take the truth."""
+        self._truth.on_truth(truth)
+        # The frame's own truth may come with the step's packets, after the frame.
+        if self._t_frame_ns:
+            self._T_WI_truth = self._truth.at(self._t_frame_ns, self._T_WI)
+
+    def on_update(self, update: SlamUpdate, frame: CameraFrame, slam_ms: float) -> None:
+        """Take slam's word on a frame."""
+        del slam_ms
+        self._frames.append(self._clock())
+        self._health, self._t_frame_ns = update.health, update.t_ns
+        self._T_WI = None if update.pose is None else update.pose.T_WI
+        if update.pose is not None:
+            self._still.on_pose(update.pose)
+            self._walk(update.pose.T_WI[:3, 3])
+        self._T_WI_truth = self._truth.at(update.t_ns, self._T_WI)
+        for chunk in update.chunks:
+            self._points[chunk.key] = len(chunk.points_K)
+            self._put(chunk)
+        for text in update.events:
+            self._put(Event(update.t_ns, "warning" if text == "reset" else "info", text))
+        self._show(update, frame)
+
+    def due(self) -> bool:
+        """Whether it is time for a tick."""
+        return self._clock() - self._tick_at >= PERIOD_S
+
+    def tick(
+        self,
+        *,
+        t_ns: int,
+        commands_done: int,
+        moving: bool,
+        estop_reason: str | None,
+        gait: GaitCommand | None,
+        realtime_factor: float | None,
+    ) -> None:
+        """Report the newest state."""
+        self._tick_at = self._clock()
+        self._put(
+            Tick(
+                t_ns=t_ns,
+                commands_done=commands_done,
+                moving=moving,
+                estop_reason=estop_reason,
+                gait=gait,
+                health=self._health,
+                realtime_factor=realtime_factor,
+                frame_rate_hz=self._frame_rate_hz(),
+                q_target_rad=self._q_target,
+                q_measured_rad=self._q_measured,
+                T_WI=self._T_WI,
+                Ts_WL=self._links(),
+                T_WI_truth=self._T_WI_truth,
+                head=self._still.motion(),
+                error_m=self._error_m(),
+                distance_m=self._distance_m,
+                map_points=sum(self._points.values()),
+            )
+        )
+
+    def _walk(self, p_W: Float) -> None:
+        """Add to the distance, in steps long enough not to count the estimate's noise."""
+        if self._last_p_W is None:
+            self._last_p_W, self._distance_m = p_W, 0.0
+        step_m = float(np.linalg.norm(p_W - self._last_p_W))
+        if step_m >= LEAST_STEP_M:
+            self._last_p_W, self._distance_m = p_W, (self._distance_m or 0.0) + step_m
+
+    def _links(self) -> Float | None:
+        if self._model is None or self._T_WI is None or self._q_measured is None:
+            return None
+        return link_poses_from_imu(self._model, self._q_measured, self._T_WI)
+
+    def _error_m(self) -> float | None:
+        if self._T_WI is None or self._T_WI_truth is None:
+            return None
+        return float(np.linalg.norm(self._T_WI[:3, 3] - self._T_WI_truth[:3, 3]))
+
+    def _frame_rate_hz(self) -> float | None:
+        if len(self._frames) < 2 or self._clock() - self._frames[-1] > 2.0:
+            return None
+        return (len(self._frames) - 1) / max(self._frames[-1] - self._frames[0], 1e-6)
+
+    def _show(self, update: SlamUpdate, frame: CameraFrame) -> None:
+        now = self._clock()
+        if now - self._picture_at < PERIOD_S * 0.9:
+            return
+        self._picture_at = now
+        bgr = frame.gray if frame.rgb is None else frame.rgb[:, :, ::-1]
+        coded, jpeg = cv2.imencode(".jpg", np.ascontiguousarray(bgr), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+        if not coded:
+            return
+        tracks = tuple(
+            (round(float(x), 1), round(float(y), 1), int(inlier), int(key))
+            for (x, y), inlier, key in zip(update.tracks_px, update.track_inliers, update.track_ids, strict=True)
+        )
+        height, width = frame.gray.shape
+        self._put(Picture(update.t_ns, update.seq, width, height, tracks, jpeg.tobytes()))

@@ -1,0 +1,242 @@
+"""The live session: one child process that runs the paced loop of a simulator or a recording.
+
+The host starts it with a ``SessionSpec`` and talks to it over a pipe (``topics``). It ends with its host.
+"""
+
+import multiprocessing
+import signal
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+from time import monotonic
+from typing import Literal
+
+import numpy as np
+
+from snakeslam.backends.base import Backend
+from snakeslam.config import Config
+from snakeslam.control import Control
+from snakeslam.errors import SnakeslamError
+from snakeslam.messages import GaitCommand
+from snakeslam.runtime.assembly import build_backend, build_control, build_slam
+from snakeslam.runtime.live import LiveSink
+from snakeslam.runtime.lockstep import Loop
+from snakeslam.runtime.outbox import Outbox
+from snakeslam.runtime.pacing import Pacer
+from snakeslam.runtime.safety import Guard, GuardedBackend
+from snakeslam.runtime.topics import (
+    Command,
+    Ended,
+    EStop,
+    Event,
+    Report,
+    ResetEStop,
+    RobotShape,
+    SetGait,
+    Shutdown,
+    Start,
+    Started,
+    Stop,
+)
+
+@dataclass(frozen=True, slots=True)
+class SessionSpec:
+    """What a session runs: the simulator of ``config``, or the ``recording`` when there is one.
+
+    ``estimator_mode`` None takes the configured one, for a recording the one that its sensors allow. ``estop_reason``:
+    start latched; ``autostart``: set the gait going after ``run.rest_s``. ``build`` makes the backend, in the child.
+    """
+
+    config: Config
+    recording: Path | None = None
+    estimator_mode: Literal["visual", "vio"] | None = None
+    estop_reason: str | None = None
+    autostart: bool = False
+    build: "Callable[[SessionSpec], Backend] | None" = None
+
+
+class Session:
+    """The loop with its commands, in the child; no process or pipe in sight."""
+
+    def __init__(self, spec: SessionSpec, put: Callable[[Report], None]) -> None:
+        self._put = put
+        backend = spec.build(spec) if spec.build is not None else build_backend(spec.config, spec.recording)
+        self._model = backend.model
+        self._guard: Guard | None = None
+        self._control: Control | None = None
+        if backend.model is not None:
+            self._guard = Guard(backend.model.limits, spec.estop_reason)
+            self._control = build_control(spec.config, backend.model)
+            backend = GuardedBackend(backend, self._guard)
+        self.backend = backend
+        self._gait = _configured_gait(spec.config) if self._control else None
+        self._moving = False
+        self._done = 0
+        self._pacer = Pacer()
+        self._sink = LiveSink(backend.model, put)
+        config = _with_estimator_mode(spec, has_imu=backend.rig.imu0 is not None)
+        self._loop = Loop(backend, self._control, build_slam(config, backend.rig), self._sink)
+        self._autostart_ns = backend.t_ns + round(config.run.rest_s * 1e9) if spec.autostart else None
+        put(_started(backend, config.estimator.mode, self._gait))
+
+    def take(self, command: Command) -> None:
+        """Obey a command at once; the next joint target already does."""
+        if isinstance(command, EStop):
+            self._estop(command.reason)
+        elif isinstance(command, ResetEStop):
+            self._reset()
+        elif isinstance(command, SetGait):
+            self._set_gait(command.gait)
+        elif isinstance(command, Start):
+            self._start()
+        elif isinstance(command, Stop):
+            self._autostart_ns = None
+            self._command(moving=False)
+        self._done += 1
+        self._tick()
+
+    def step(self) -> float | None:
+        """Advance one step; return the seconds to wait for real time, None at the end."""
+        if self._autostart_ns is not None and self.backend.t_ns >= self._autostart_ns:
+            self._start()
+        if not self._loop.step():
+            self._tick()
+            return None
+        if self._sink.due():
+            self._tick()
+        return self._pacer.wait_s(self.backend.t_ns)
+
+    def _tick(self) -> None:
+        self._sink.tick(
+            t_ns=self.backend.t_ns,
+            commands_done=self._done,
+            moving=self._moving,
+            estop_reason=None if self._guard is None else self._guard.reason,
+            gait=self._gait,
+            realtime_factor=self._pacer.realtime_factor,
+        )
+
+    def _estop(self, reason: str) -> None:
+        self._autostart_ns = None
+        if self._guard is None or self._guard.reason is not None:
+            return
+        self._guard.latch(reason)
+        self._command(moving=False)
+        self._say("error", f"E-stop: {reason}")
+
+    def _reset(self) -> None:
+        if self._guard is None or self._guard.reason is None:
+            return
+        self._guard.reset()
+        self._say("info", "E-stop cleared; start to move again")
+
+    def _start(self) -> None:
+        self._autostart_ns = None
+        if self._guard is None or self._guard.reason is not None:
+            return
+        self._guard.resume()
+        self._command(moving=True)
+
+    def _set_gait(self, gait: GaitCommand) -> None:
+        self._gait = gait
+        self._command(moving=self._moving)
+
+    def _command(self, *, moving: bool) -> None:
+        if self._control is None or self._gait is None:
+            return
+        if moving != self._moving:
+            self._say("info", f"start {self._gait.gait}" if moving else "stop")
+        self._moving = moving
+        self._gait = replace(self._gait, t_ns=self.backend.t_ns, drive=1.0 if moving else 0.0)
+        self._control.command(self._gait)
+
+    def _say(self, level: str, text: str) -> None:
+        self._put(Event(self.backend.t_ns, level, text))
+
+
+def _configured_gait(config: Config) -> GaitCommand:
+    gait = config.gait
+    return GaitCommand(
+        t_ns=0,
+        gait=gait.name,
+        drive=0.0,
+        alpha_pi=gait.alpha_pi,
+        wavelength_joints=gait.wavelength_joints,
+        period_s=gait.period_s,
+        amplitude_deg=gait.amplitude_deg,
+    )
+
+
+def _with_estimator_mode(spec: SessionSpec, *, has_imu: bool) -> Config:
+    mode = spec.estimator_mode
+    if mode is None and spec.recording is not None:
+        mode = "vio" if has_imu else "visual"
+    if mode is None:
+        return spec.config
+    return spec.config.model_copy(update={"estimator": spec.config.estimator.model_copy(update={"mode": mode})})
+
+
+def _started(backend: Backend, mode: str, gait: GaitCommand | None) -> Started:
+    camera, model = backend.rig.cam0, backend.model
+    width, height = camera.resolution
+    shape = None
+    if model is not None:
+        shape = RobotShape(model.name, model.joint_count, model.joint_length_m, model.radius_m)
+    fov_y_rad = 2.0 * float(np.arctan2(height / 2.0, camera.intrinsics[1]))
+    return Started(backend.t_ns, mode, shape, camera.T_IC, fov_y_rad, width / height, gait)
+
+
+def run_session(spec: SessionSpec, pipe: "Connection[Report, Command]") -> None:
+    """Run a session to its end; the child's entry point."""
+    # Ctrl-C reaches the whole terminal group; the host decides when the session ends.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    outbox = Outbox(pipe)
+    try:
+        _run(spec, pipe, outbox)
+    except SnakeslamError as error:
+        outbox.put(Ended(str(error)))
+    except BaseException as error:
+        outbox.put(Ended(" ".join(f"{type(error).__name__}: {error}".split())))
+        raise
+    finally:
+        outbox.close()
+        pipe.close()
+
+
+def _run(spec: SessionSpec, pipe: "Connection[Report, Command]", outbox: Outbox) -> None:
+    session = Session(spec, outbox.put)
+    wait_s: float | None = 0.0
+    try:
+        while wait_s is not None and not outbox.broken:
+            if not _obey(session, pipe, wait_s):
+                break
+            wait_s = session.step()
+    finally:
+        session.backend.close()
+    outbox.put(Ended(None))
+
+
+def _obey(session: Session, pipe: "Connection[Report, Command]", wait_s: float) -> bool:
+    """Take commands for ``wait_s``, at least those that are there; False when the session shall end."""
+    until = monotonic() + wait_s
+    try:
+        while pipe.poll(max(0.0, until - monotonic())):
+            command = pipe.recv()
+            if isinstance(command, Shutdown):
+                return False
+            session.take(command)
+    except (EOFError, OSError):
+        return False  # The host is gone.
+    return True
+
+
+def start_session(spec: SessionSpec) -> "tuple[BaseProcess, Connection[Command, Report]]":
+    """Start the child; return its process and the host's end of the pipe."""
+    context = multiprocessing.get_context("spawn")
+    ours, theirs = context.Pipe()
+    process = context.Process(target=run_session, args=(spec, theirs), name="snakeslam-session", daemon=True)
+    process.start()
+    theirs.close()
+    return process, ours

@@ -12,6 +12,7 @@ from pydantic_core import ErrorDetails
 
 from snakeslam.errors import InputError, NotBuiltError
 from snakeslam.estimation.settings import EstimatorSettings
+from snakeslam.gaits.catalogue import GaitSettings
 from snakeslam.recording.settings import ReplaySettings
 from snakeslam.robot.model import RobotSettings
 from snakeslam.settings import Settings
@@ -38,6 +39,7 @@ class Config(Settings):
     """All settings of a session."""
 
     robot: RobotSettings = RobotSettings()
+    gait: GaitSettings = GaitSettings()
     estimator: EstimatorSettings = EstimatorSettings()
     replay: ReplaySettings = ReplaySettings()
     recording: RecordingSettings = RecordingSettings()

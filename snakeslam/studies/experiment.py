@@ -1,6 +1,7 @@
 """One scripted run, in the simulator or over a recording, and what it leaves: a run directory."""
 
 import json
+import math
 import platform
 import subprocess
 from collections.abc import Callable
@@ -14,13 +15,13 @@ from typing import Any
 from snakeslam.backends.base import Backend
 from snakeslam.backends.replay.backend import ReplayBackend
 from snakeslam.config import Config
-from snakeslam.gaits.catalogue import gait_period_s
+from snakeslam.gaits.catalogue import resolve
 from snakeslam.mapping.export import write_ply
 from snakeslam.messages import GaitCommand
 from snakeslam.recording.trajectory import write_trajectory
 from snakeslam.runtime.assembly import build_backend, build_control, build_slam
 from snakeslam.runtime.lockstep import Loop
-from snakeslam.studies.metrics import Metrics, evaluate, tracked_poses
+from snakeslam.studies.metrics import HeadWindow, Metrics, evaluate, tracked_poses
 from snakeslam.studies.recorder import Recorder
 from snakeslam.studies.run_directory import default_out, new_directory
 
@@ -88,9 +89,10 @@ def _turn(loop: Loop, config: Config, end_ns: int, progress: Progress) -> float:
 
 
 def _evaluate(config: Config, backend: Backend, recorder: Recorder, wall_s: float) -> Metrics:
-    head_from_ns = None
+    head = None
     if backend.model is not None and recorder.first_ns is not None:
-        head_from_ns = recorder.first_ns + round((config.run.rest_s + gait_period_s(config.gait)) * 1e9)
+        period_s = 2.0 * math.pi / resolve(config.gait, backend.model).omega
+        head = HeadWindow(recorder.first_ns + round((config.run.rest_s + period_s) * 1e9), period_s)
     return evaluate(
         recorder.updates,
         recorder.truth,
@@ -98,7 +100,7 @@ def _evaluate(config: Config, backend: Backend, recorder: Recorder, wall_s: floa
         duration_s=recorder.duration_s,
         wall_s=wall_s,
         gravity_known=backend.rig.imu0 is not None,
-        head_from_ns=head_from_ns,
+        head=head,
     )
 
 

@@ -58,6 +58,14 @@ class HeadMotion:
 
 
 @dataclass(frozen=True, slots=True)
+class HeadWindow:
+    """Where the head's motion is judged: from ``from_ns`` (after the start-up), over whole gait periods."""
+
+    from_ns: int
+    period_s: float
+
+
+@dataclass(frozen=True, slots=True)
 class FrameTimes:
     """The estimator's time on one frame, sensors and rendering excluded."""
 
@@ -98,12 +106,9 @@ def evaluate(
     duration_s: float,
     wall_s: float,
     gravity_known: bool,
-    head_from_ns: int | None,
+    head: HeadWindow | None,
 ) -> Metrics:
-    """Return the metrics of a run from what it published.
-
-    ``head_from_ns`` is where the head's motion is judged from (after the start-up), None without a robot.
-    """
+    """Return the metrics of a run from what it published; ``head`` is None without a robot."""
     tracked = tracked_poses(updates)
     estimate = trajectory(tracked)
     true = truth_trajectory(truth)
@@ -120,7 +125,7 @@ def evaluate(
         tracked_fraction=len(tracked) / len(updates) if updates else None,
         resets=sum(update.events.count("reset") for update in updates),
         nees=consistency([pose for pose, ok in zip(tracked, known, strict=True) if ok], Ts_matched),
-        head=HeadMotion() if head_from_ns is None else head_motion(true.at(true.t_ns >= head_from_ns)),
+        head=HeadMotion() if head is None else head_motion(true.at(true.t_ns >= head.from_ns), head.period_s),
         speed_m_s=net_speed_m_s(walked),
         ms_per_frame=frame_times(frame_ms),
         realtime_factor=duration_s / wall_s if wall_s > 0 else None,
@@ -174,8 +179,12 @@ def consistency(poses: Sequence[PoseEstimate], Ts_true: Float) -> Consistency:
     return Consistency(position=_mean(position), orientation=_mean(orientation))
 
 
-def head_motion(head: Trajectory) -> HeadMotion:
-    """Return the head's yaw RMS about its mean, its peak yaw rate over 20 ms, its sway across the way it goes."""
+def head_motion(head: Trajectory, period_s: float) -> HeadMotion:
+    """Return the head's yaw RMS about its mean, its peak yaw rate over 20 ms, its sway across the way it goes.
+
+    Whole periods only, counted back from the end, so that a swing has no part in the mean direction.
+    """
+    head = _whole_periods(head, period_s)
     if len(head) < MIN_POSES_TO_ALIGN:
         return HeadMotion()
     yaw_rad = np.unwrap(so3.yaw(head.Ts_WI[:, :3, :3]))
@@ -183,15 +192,23 @@ def head_motion(head: Trajectory) -> HeadMotion:
     stride = max(1, round(RATE_WINDOW_NS / float(np.median(np.diff(head.t_ns)))))
     rates = (yaw_rad[stride:] - yaw_rad[:-stride]) / (t_s[stride:] - t_s[:-stride])
     xy = head.Ts_WI[:, :2, 3]
-    slope = np.polyfit(t_s, xy, 1)[0]
+    travel = xy[-1] - xy[0]
     mean_yaw = float(np.mean(yaw_rad))
-    travelled = float(np.linalg.norm(slope)) * float(t_s[-1]) >= LEAST_TRAVEL_M
-    along = slope / np.linalg.norm(slope) if travelled else np.array([np.cos(mean_yaw), np.sin(mean_yaw)])
+    moves = float(np.linalg.norm(travel)) >= LEAST_TRAVEL_M
+    along = travel / np.linalg.norm(travel) if moves else np.array([np.cos(mean_yaw), np.sin(mean_yaw)])
     return HeadMotion(
         yaw_rms_deg=float(np.rad2deg(np.std(yaw_rad))),
         peak_yaw_rate_deg_s=float(np.rad2deg(np.max(np.abs(rates)))) if rates.size else None,
         sway_pp_m=float(np.ptp(xy @ np.array([-along[1], along[0]]))),
     )
+
+
+def _whole_periods(head: Trajectory, period_s: float) -> Trajectory:
+    """Return the longest end of the motion that is a whole number of periods; all of it below one."""
+    if not len(head):
+        return head
+    whole_s = float(head.t_ns[-1] - head.t_ns[0]) / 1e9 // period_s * period_s
+    return head.at(head.t_ns >= head.t_ns[-1] - round(whole_s * 1e9)) if whole_s > 0 else head
 
 
 def net_speed_m_s(way: Trajectory) -> float | None:

@@ -1,0 +1,1 @@
+"""Head control; its settings exist, its controllers come later."""

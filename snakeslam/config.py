@@ -72,7 +72,16 @@ def load_config(path: Path | None = None, overrides: Sequence[str | Override] = 
 
     InputError names the file (or --set), the key, the value and what is allowed; NotBuiltError a mode still to come.
     """
-    tree: dict[str, Any] = {} if path is None else _read_tree(path)
+    return _build({} if path is None else _read_tree(path), overrides, path)
+
+
+def override_config(config: Config, overrides: Sequence[str | Override]) -> Config:
+    """Return ``config`` with ``overrides`` on top; errors as in ``load_config``."""
+    return _build(config.model_dump(), overrides, None)
+
+
+def _build(tree: dict[str, Any], overrides: Sequence[str | Override], path: Path | None) -> Config:
+    """Validate ``tree`` from ``path`` with ``overrides`` on top."""
     labels: dict[str, str] = {}
     for override in overrides:
         parsed = parse_override(override) if isinstance(override, str) else override

@@ -24,7 +24,7 @@ class PhysicsSettings(Settings):
 
     rate_hz: int = Field(default=400, ge=200, le=4800)
     """Physics steps per second; 200 loses the sidewinding gait, 480 and more agree to a few per cent."""
-    solver_iterations: int = Field(default=24, ge=1, le=500)
+    solver_iterations: int = Field(default=12, ge=1, le=500)
     friction_normal: float = Field(default=0.6, gt=0, le=5)
     """Coulomb coefficient across the body."""
     friction_slip_m_s: float = Field(default=0.02, gt=0, le=1)

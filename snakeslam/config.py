@@ -13,6 +13,7 @@ from pydantic_core import ErrorDetails
 from snakeslam.errors import InputError, NotBuiltError
 from snakeslam.estimation.settings import EstimatorSettings
 from snakeslam.gaits.catalogue import GaitSettings
+from snakeslam.head.settings import HeadSettings
 from snakeslam.recording.settings import ReplaySettings
 from snakeslam.robot.model import RobotSettings
 from snakeslam.settings import Settings
@@ -40,6 +41,7 @@ class Config(Settings):
 
     robot: RobotSettings = RobotSettings()
     gait: GaitSettings = GaitSettings()
+    head: HeadSettings = HeadSettings()
     estimator: EstimatorSettings = EstimatorSettings()
     replay: ReplaySettings = ReplaySettings()
     recording: RecordingSettings = RecordingSettings()
@@ -104,6 +106,8 @@ def check_built(config: Config, where: Callable[[str], str] = str) -> None:
     """Raise NotBuiltError for a mode that this version does not have."""
     if config.estimator.mode not in ("visual", "vio"):
         raise NotBuiltError(where("estimator.mode"), config.estimator.mode, "visual, vio")
+    if config.head.controller != "none":
+        raise NotBuiltError(where("head.controller"), config.head.controller, "none")
     if config.recording.enabled:
         raise NotBuiltError(where("recording.enabled"), "writing recording.mcap", "false")
 

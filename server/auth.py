@@ -55,7 +55,7 @@ def token_from_environment(host: str) -> str | None:
 class Auth:
     """Knows the token, the code of the next sign-in URL and the open sessions."""
 
-    def __init__(self, token: str, announce: Callable[[str], None] = lambda code: None) -> None:
+    def __init__(self, token: str, announce: Callable[[str], None]) -> None:
         self._token = token
         self._announce = announce
         self._sessions: dict[str, float] = {}

@@ -12,8 +12,9 @@ from typing import Any, Literal
 import structlog
 
 from server.problem import Problem
+from snakeslam.config import Config
 from snakeslam.messages import Float, GaitCommand, MapChunk
-from snakeslam.runtime.session import SessionSpec, start_session
+from snakeslam.runtime.session import SessionSpec, configured_gait, start_session
 from snakeslam.runtime.topics import (
     Command,
     Ended,
@@ -61,6 +62,7 @@ class View:
 
     kind: Literal["sim", "recording"]
     name: str
+    config: Config
     phase: Phase = "starting"
     message: str | None = None
     started: Started | None = None
@@ -100,14 +102,13 @@ Listener = Callable[[Report, View], None]
 class Live:
     """Starts, supervises and commands the session; one at a time. All methods belong to the event loop's thread."""
 
-    def __init__(self, start: Callable[[SessionSpec], Any] = start_session) -> None:
+    def __init__(self, config: Config, start: Callable[[SessionSpec], Any] = start_session) -> None:
         self._start_process = start
         self._listeners: list[Listener] = []
         self._starting = asyncio.Lock()
         self._child: _Child | None = None
         self._estop_reason: str | None = None
-        self.view = View("sim", "")
-        self.view.phase = "ended"
+        self.view = View("sim", "simulator", config, phase="ended")
 
     def listen(self, listener: Listener) -> None:
         """Have every report of every session from now on."""
@@ -122,7 +123,7 @@ class Live:
         """End the session that runs and start another; a latched E-stop stays latched."""
         async with self._starting:
             await self.stop()
-            self.view = View(kind, name)
+            self.view = View(kind, name, spec.config)
             self._tell(Event(0, "info", f"starting {name}"))
             spec = replace(spec, estop_reason=self._estop_reason)
             self._child = child = _Child(asyncio.get_running_loop(), self._report)
@@ -183,11 +184,15 @@ class Live:
         if self.view.kind == "recording":
             raise Problem(HTTPStatus.CONFLICT, "a recording is playing: there is no robot to command")
 
-    def gait(self) -> GaitCommand | None:
-        """The gait that the session has now."""
-        if self.view.tick is not None:
-            return self.view.tick.gait
-        return None if self.view.started is None else self.view.started.gait
+    @property
+    def moving(self) -> bool:
+        """Whether the robot is told to move."""
+        return self.view.phase == "running" and self.view.tick is not None and self.view.tick.moving
+
+    def gait(self) -> GaitCommand:
+        """The gait that the session has now; the configured one where there is no robot."""
+        tick = self.view.tick
+        return tick.gait if tick is not None and tick.gait is not None else configured_gait(self.view.config)
 
     def _report(self, child: "_Child", report: Report) -> None:
         if child is not self._child:

@@ -7,16 +7,15 @@ from typing import Any
 
 from server.live import Live, View
 from snakeslam.messages import Float, GaitCommand, Health, Verdict
+from snakeslam.robot.model import snake_model
 from snakeslam.runtime.topics import Event, Picture, Tick
 
 FRAME = b"\x01"
 Json = dict[str, Any]
 
 
-def gait_json(gait: GaitCommand | None) -> Json | None:
+def gait_json(gait: GaitCommand) -> Json:
     """A gait with its parameters; None for those at the gait's own default."""
-    if gait is None:
-        return None
     return {
         "name": gait.gait,
         "drive": gait.drive,
@@ -31,20 +30,26 @@ def gait_json(gait: GaitCommand | None) -> Json | None:
 def state_json(live: Live) -> Json:
     """GET /state."""
     view, started, tick = live.view, live.view.started, live.view.tick
-    shape = None if started is None else started.robot
     return {
         "source": {"kind": view.kind, "name": view.name},
         "t_s": 0.0 if tick is None else round(view.t_s(tick.t_ns), 4),
-        "moving": view.phase == "running" and tick is not None and tick.moving,
+        "moving": live.moving,
         "estop": {"latched": live.estop_reason is not None, "reason": live.estop_reason},
         "gait": gait_json(live.gait()),
-        "robot": None if shape is None else {"model": shape.model, "joints": shape.joint_count},
-        "estimator": {"mode": None if started is None else started.estimator_mode},
+        "robot": _robot_json(view),
+        "estimator": {"mode": view.config.estimator.mode if started is None else started.estimator_mode},
         "health": _health_json(Health(Verdict.INITIALISING) if tick is None else tick.health),
         "realtime_factor": _round(None if tick is None else tick.realtime_factor, 3),
         "session": view.phase,
         "message": view.message,
     }
+
+
+def _robot_json(view: View) -> Json:
+    if view.kind == "recording":
+        return {"model": "none", "joints": 0}
+    model = snake_model(view.config.robot)
+    return {"model": model.name, "joints": model.joint_count}
 
 
 def tick_json(view: View, tick: Tick) -> Json:

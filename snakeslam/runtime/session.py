@@ -41,6 +41,7 @@ from snakeslam.runtime.topics import (
     Stop,
 )
 
+
 @dataclass(frozen=True, slots=True)
 class SessionSpec:
     """What a session runs: the simulator of ``config``, or the ``recording`` when there is one.
@@ -71,7 +72,7 @@ class Session:
             self._control = build_control(spec.config, backend.model)
             backend = GuardedBackend(backend, self._guard)
         self.backend = backend
-        self._gait = _configured_gait(spec.config) if self._control else None
+        self._gait = configured_gait(spec.config) if self._control else None
         self._moving = False
         self._done = 0
         self._pacer = Pacer()
@@ -156,7 +157,8 @@ class Session:
         self._put(Event(self.backend.t_ns, level, text))
 
 
-def _configured_gait(config: Config) -> GaitCommand:
+def configured_gait(config: Config) -> GaitCommand:
+    """Return the configured gait at rest."""
     gait = config.gait
     return GaitCommand(
         t_ns=0,

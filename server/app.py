@@ -1,0 +1,124 @@
+"""The application: every room of the server put together."""
+
+import asyncio
+from collections.abc import AsyncGenerator, Callable
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+from http import HTTPStatus
+from importlib.metadata import version
+from pathlib import Path
+
+from fastapi import APIRouter, FastAPI
+from starlette.responses import HTMLResponse, JSONResponse, Response
+from starlette.staticfiles import StaticFiles
+
+from server import docs, problem
+from server.auth import Auth, Guard, HostRule, login_response
+from server.deps import House, Rooms
+from server.live import Live
+from server.metrics import Metrics
+from server.recordings import Library
+from server.routes import estop, gait, map, recordings, runs, session, state  # noqa: A004
+from server.runs import Runs
+from server.telemetry import Telemetry
+from server.viewer import Viewer
+from server.viewer_proxy import ViewerProxy
+from snakeslam.runtime.session import SessionSpec
+
+PREFIX = "/api/v1"
+PAGE = Path(__file__).resolve().parents[1] / "web" / "dist"
+NO_PAGE = "<!doctype html><title>snakeslam</title><p>The page is not built: run <code>make setup</code>. The API is at "
+NO_PAGE += "<a href=/api/docs>/api/docs</a>, the 3D view at <a href=/viewer/>/viewer/</a>."
+
+
+@dataclass(frozen=True, slots=True)
+class ServerSettings:
+    """What a server is started with; ``private`` is a folder that only this user may enter."""
+
+    spec: SessionSpec
+    token: str
+    host: str
+    private: Path
+    recordings: tuple[Path, ...] = ()
+    runs: Path = Path("runs/api")
+    page: Path = PAGE
+
+
+def create_app(settings: ServerSettings, announce: Callable[[str], None]) -> FastAPI:
+    """Return the application; ``announce`` gets the next one-time code after each use of one."""
+    auth = Auth(settings.token, announce)
+    socket = settings.private / "viewer.sock"
+    proxy = ViewerProxy(socket)
+
+    @asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncGenerator[None]:
+        house = await asyncio.to_thread(_build, settings, auth, socket)
+        app.state.house = house
+        house.live.listen(house.viewer.on_report)
+        await house.live.start(house.spec, "sim", "simulator")
+        try:
+            yield
+        finally:
+            await asyncio.gather(house.runs.close(), house.live.stop())
+            await proxy.close()
+            await asyncio.to_thread(house.viewer.close)
+
+    app = FastAPI(
+        title="snakeslam",
+        version=version("snakeslam"),
+        lifespan=lifespan,
+        openapi_url="/api/openapi.json",
+        docs_url=None,
+        redoc_url=None,
+    )
+    problem.install(app)
+    app.add_middleware(Guard, auth=auth, hosts=HostRule(settings.host))
+    for module in (state, gait, estop, recordings, map, runs, session):
+        app.include_router(module.router, prefix=PREFIX)
+    app.include_router(proxy.router)
+    app.include_router(_own_pages(app, auth))
+    if settings.page.is_dir():
+        app.mount("/", StaticFiles(directory=settings.page, html=True))
+    else:
+        app.add_api_route("/", lambda: HTMLResponse(NO_PAGE), include_in_schema=False)
+    app.state.auth = auth
+    return app
+
+
+def _build(settings: ServerSettings, auth: Auth, socket: Path) -> House:
+    metrics = Metrics()
+    live = Live(settings.spec.config)
+    return House(
+        auth=auth,
+        config=settings.spec.config,
+        spec=settings.spec,
+        live=live,
+        telemetry=Telemetry(live, metrics),
+        viewer=Viewer(socket),
+        runs=Runs(settings.runs),
+        library=Library.of(list(settings.recordings)),
+        metrics=metrics,
+    )
+
+
+def _own_pages(app: FastAPI, auth: Auth) -> APIRouter:
+    """Return what is neither API nor static file."""
+    router = APIRouter(include_in_schema=False)
+
+    @router.get("/login")
+    async def _(code: str = "") -> Response:  # pyright: ignore[reportUnusedFunction]
+        return login_response(auth, code)
+
+    @router.get("/metrics")
+    async def _(house: Rooms) -> Response:  # pyright: ignore[reportUnusedFunction]
+        return Response(house.metrics.text(), media_type="text/plain; version=0.0.4; charset=utf-8")
+
+    @router.get("/api/docs")
+    async def _() -> Response:  # pyright: ignore[reportUnusedFunction]
+        return HTMLResponse(docs.page(app.openapi()))
+
+    @router.get("/api/{path:path}")
+    async def _(path: str) -> JSONResponse:  # pyright: ignore[reportUnusedFunction]
+        return problem.problem_response(HTTPStatus.NOT_FOUND, f"there is nothing at /api/{path}")
+
+    return router

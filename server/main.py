@@ -1,0 +1,125 @@
+"""Start the dashboard: bind, announce the sign-in URL, serve until told to stop."""
+
+import errno
+import secrets
+import signal
+import socket
+import sys
+import tempfile
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from pathlib import Path
+
+import uvicorn
+from fastapi import FastAPI
+
+from server.app import ServerSettings, create_app
+from server.auth import TOKEN_VARIABLE, token_from_environment
+from snakeslam.config import Config
+from snakeslam.errors import InputError, SnakeslamError
+from snakeslam.runtime.session import SessionSpec
+
+GRACE_S = 2
+BACKLOG = 128
+MAX_MESSAGE_BYTES = 64 * 1024
+
+
+def bind(host: str, port: int) -> socket.socket:
+    """Return a listening socket; InputError when the address cannot be had."""
+    try:
+        family, kind, proto, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+    except socket.gaierror as error:
+        raise InputError(f"--host {host}", "is no address of this machine") from error
+    listener = socket.socket(family, kind, proto)
+    # An old connection that fades out must not keep a restarted server from its port.
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listener.bind(address)
+        listener.listen(BACKLOG)
+    except OSError as error:
+        listener.close()
+        if error.errno == errno.EADDRINUSE:
+            raise InputError(f"--port {port}", "is in use", "another port, or 0 for a free one") from error
+        if error.errno in (errno.EACCES, errno.EPERM):
+            raise InputError(f"--port {port}", "is not permitted", "1024 to 65535, or 0 for a free one") from error
+        raise InputError(f"--host {host}", f"cannot be bound: {error.strerror}") from error
+    return listener
+
+
+class _Server(uvicorn.Server):
+    """Says when it is ready."""
+
+    def __init__(self, config: uvicorn.Config, ready: Callable[[], None]) -> None:
+        super().__init__(config)
+        self._ready = ready
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        await super().startup(sockets)
+        if self.started and not self.should_exit:
+            self._ready()
+
+
+def serve(config: Config, *, host: str, port: int, recordings: list[Path], spec: SessionSpec | None = None) -> None:
+    """Serve the dashboard until SIGINT or SIGTERM; InputError when it cannot start.
+
+    ``spec`` replaces the simulator session of ``config``.
+    """
+    given = token_from_environment(host)
+    token = given or secrets.token_urlsafe(24)
+    spec = spec or SessionSpec(config, autostart=config.run.autostart)
+    with bind(host, port) as listener, tempfile.TemporaryDirectory(prefix="snakeslam-") as folder:
+        url = _url(host, listener)
+        settings = ServerSettings(spec, token, host, Path(folder), tuple(recordings))
+        app = create_app(settings, lambda code: _say(f"Sign in elsewhere: {url}/login?code={code}"))
+        hint = f"${TOKEN_VARIABLE}" if given else str(_write_token(Path(folder), token))
+
+        def ready() -> None:
+            _say(f"Token for scripts: {hint}")
+            _say(f"Open {url}/login?code={app.state.auth.code}")
+
+        server = _Server(_uvicorn(app), ready)
+        with _quiet_signals():
+            server.run(sockets=[listener])
+        if not server.started:
+            raise SnakeslamError("the server did not start; the lines above say why")
+
+
+def _uvicorn(app: FastAPI) -> uvicorn.Config:
+    return uvicorn.Config(
+        app,
+        log_level="warning",
+        ws_per_message_deflate=False,
+        ws_max_size=MAX_MESSAGE_BYTES,
+        timeout_graceful_shutdown=GRACE_S,
+        server_header=False,
+    )
+
+
+@contextmanager
+def _quiet_signals() -> Generator[None]:
+    """uvicorn raises the signal that ended it once more; by then there is nothing left to do."""
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    previous = {number: signal.signal(number, lambda *_: None) for number in numbers}
+    try:
+        yield
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+
+
+def _write_token(folder: Path, token: str) -> Path:
+    path = folder / "token"
+    path.touch(mode=0o600)
+    path.write_text(token + "\n")
+    return path
+
+
+def _url(host: str, listener: socket.socket) -> str:
+    """Return the address to open: one that works on this machine when every interface is bound."""
+    name = {"0.0.0.0": "127.0.0.1", "::": "[::1]"}.get(host, f"[{host}]" if ":" in host else host)
+    return f"http://{name}:{listener.getsockname()[1]}"
+
+
+def _say(line: str) -> None:
+    sys.stdout.write(line + "\n")
+    sys.stdout.flush()

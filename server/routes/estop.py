@@ -1,0 +1,39 @@
+"""The emergency stop."""
+
+from typing import Any
+
+from fastapi import APIRouter
+from pydantic import BaseModel, ConfigDict, Field
+
+from server.deps import Rooms
+from server.state import state_json
+
+router = APIRouter(tags=["estop"])
+
+
+class EStopRequest(BaseModel):
+    """POST /estop."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    reason: str = Field("operator", min_length=1, max_length=200)
+
+
+@router.post("/estop")
+async def estop(house: Rooms, request: EStopRequest | None = None) -> dict[str, Any]:
+    """Latch the emergency stop; answers when the robot holds."""
+    try:
+        await house.live.estop((request or EStopRequest()).reason)
+    finally:
+        house.telemetry.tell_state()
+    return state_json(house.live)
+
+
+@router.post("/estop/reset")
+async def reset(house: Rooms) -> dict[str, Any]:
+    """Clear the latch; the robot stays where it is until it is started again."""
+    try:
+        await house.live.reset_estop()
+    finally:
+        house.telemetry.tell_state()
+    return state_json(house.live)

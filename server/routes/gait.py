@@ -1,0 +1,91 @@
+"""The gait: which, how, and whether it moves."""
+
+from http import HTTPStatus
+from typing import Annotated, Any
+
+from fastapi import APIRouter
+from pydantic import Field
+
+from server.deps import Rooms
+from server.live import Live
+from server.problem import Problem
+from server.state import gait_json, state_json
+from snakeslam.gaits.catalogue import CatalogueEntry, GaitName, GaitSettings, catalogue_for, resolve
+from snakeslam.messages import GaitCommand
+from snakeslam.robot.model import SnakeModel, snake_model
+from snakeslam.runtime.topics import SetGait, Stop
+
+router = APIRouter(tags=["gait"])
+
+
+class GaitRequest(GaitSettings):
+    """PUT /gait; a parameter that is left out or null takes the gait's own default, ``turn`` stays as it is."""
+
+    name: GaitName
+    turn: Annotated[float, Field(ge=-1, le=1)] | None = None
+
+
+@router.get("/gait")
+async def get_gait(house: Rooms) -> dict[str, Any]:
+    """The gait as it is, and all there are."""
+    entries = catalogue_for(_model(house.live)).values()
+    return {"current": gait_json(house.live.gait()), "catalogue": [_entry_json(entry) for entry in entries]}
+
+
+@router.put("/gait")
+async def put_gait(request: GaitRequest, house: Rooms) -> dict[str, Any]:
+    """Change the gait; the change is smooth, and nothing starts to move for it."""
+    house.live.need_robot()
+    current = house.live.gait()
+    turn = current.turn if request.turn is None else request.turn
+    settings = GaitSettings(**request.model_dump(exclude={"turn"}))
+    resolve(settings, _model(house.live), turn)
+    await house.live.command(SetGait(GaitCommand(t_ns=0, gait=settings.name, turn=turn, **_parameters(settings))))
+    house.telemetry.tell_state()
+    return state_json(house.live)
+
+
+@router.post("/gait/start")
+async def start(house: Rooms) -> dict[str, Any]:
+    """Set the robot going."""
+    await house.live.move()
+    if not house.live.moving:
+        raise Problem(HTTPStatus.CONFLICT, "the robot did not start; its E-stop was latched meanwhile")
+    return state_json(house.live)
+
+
+@router.post("/gait/stop")
+async def stop(house: Rooms) -> dict[str, Any]:
+    """Bring the robot to rest, smoothly."""
+    house.live.need_robot()
+    await house.live.command(Stop())
+    return state_json(house.live)
+
+
+def _model(live: Live) -> SnakeModel:
+    return snake_model(live.view.config.robot)
+
+
+def _parameters(settings: GaitSettings) -> dict[str, float | None]:
+    return settings.model_dump(exclude={"name"})
+
+
+def _entry_json(entry: CatalogueEntry) -> dict[str, Any]:
+    return {
+        "name": entry.name,
+        "title": entry.title,
+        "summary": entry.summary,
+        "turns": entry.turns,
+        "parameters": [
+            {
+                "key": parameter.key,
+                "label": parameter.label,
+                "unit": parameter.unit,
+                "min": parameter.minimum,
+                "max": parameter.maximum,
+                "step": parameter.step,
+                "default": parameter.default,
+            }
+            for parameter in entry.parameters
+        ],
+    }

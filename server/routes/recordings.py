@@ -1,0 +1,62 @@
+"""Recordings to watch, and the way back to the simulator."""
+
+from dataclasses import replace
+from http import HTTPStatus
+from typing import Any, Literal
+
+from fastapi import APIRouter
+from pydantic import BaseModel, ConfigDict, Field
+
+from server.deps import Rooms
+from server.problem import Problem
+from server.recordings import recording_json
+from server.runs import Scalar, checked_overrides
+from server.state import state_json
+from snakeslam.config import override_config
+
+router = APIRouter(tags=["source"])
+
+
+class PlayRequest(BaseModel):
+    """POST /recordings/{id}/play."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    mode: Literal["visual", "vio"] | None = None
+
+
+class SimRequest(BaseModel):
+    """POST /sim/start."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+    overrides: dict[str, Scalar] = Field(default_factory=dict, max_length=64)
+
+
+@router.get("/recordings")
+def get_recordings(house: Rooms) -> list[dict[str, Any]]:
+    """The recordings that can be played."""
+    return [recording_json(key, summary) for key, summary in house.library.all().items()]
+
+
+@router.post("/recordings/{recording_id}/play")
+async def play(recording_id: str, house: Rooms, request: PlayRequest | None = None) -> dict[str, Any]:
+    """Play a recording in the live view; without a mode, the one that its sensors allow."""
+    summary = house.library.all().get(recording_id)
+    if summary is None:
+        raise Problem(HTTPStatus.NOT_FOUND, "there is no such recording; GET /recordings lists them")
+    mode = None if request is None else request.mode
+    spec = replace(house.spec, recording=summary.path, estimator_mode=mode, autostart=False)
+    await house.live.start(spec, "recording", summary.name)
+    house.telemetry.tell_state()
+    return state_json(house.live)
+
+
+@router.post("/sim/start")
+async def start_sim(house: Rooms, request: SimRequest | None = None) -> dict[str, Any]:
+    """Start the simulator anew, with settings changed as in --set."""
+    overrides = checked_overrides({} if request is None else request.overrides)
+    spec = replace(house.spec, config=override_config(house.config, overrides))
+    await house.live.start(spec, "sim", "simulator")
+    house.telemetry.tell_state()
+    return state_json(house.live)

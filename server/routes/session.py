@@ -1,0 +1,32 @@
+"""Signing in."""
+
+from http import HTTPStatus
+
+from fastapi import APIRouter
+from pydantic import BaseModel, ConfigDict, Field
+from starlette.responses import Response
+
+from server.auth import set_cookie
+from server.deps import Rooms
+from server.problem import Problem
+
+router = APIRouter(tags=["session"])
+
+
+class SignIn(BaseModel):
+    """POST /session."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    token: str = Field(max_length=512)
+
+
+@router.post("/session", status_code=HTTPStatus.NO_CONTENT)
+async def sign_in(request: SignIn, house: Rooms) -> Response:
+    """Open a session for the token and set its cookie."""
+    session = house.auth.sign_in(request.token.strip())
+    if session is None:
+        raise Problem(HTTPStatus.UNAUTHORIZED, "this is not the token")
+    response = Response(status_code=HTTPStatus.NO_CONTENT)
+    set_cookie(response, session)
+    return response

@@ -1,0 +1,22 @@
+"""GET /state and the telemetry websocket."""
+
+from typing import Any
+
+from fastapi import APIRouter, WebSocket
+
+from server.deps import Rooms
+from server.state import state_json
+
+router = APIRouter(tags=["state"])
+
+
+@router.get("/state")
+async def get_state(house: Rooms) -> dict[str, Any]:
+    """What runs, how it moves, and what the estimator says of itself."""
+    return state_json(house.live)
+
+
+@router.websocket("/telemetry")
+async def telemetry(socket: WebSocket, house: Rooms) -> None:
+    """State, ticks, events as JSON text; camera frames as binary messages."""
+    await house.telemetry.serve(socket)

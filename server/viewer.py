@@ -1,0 +1,238 @@
+"""The 3D scene: robot, estimate, truth, map, camera; updated in a thread of its own at a bounded rate."""
+
+import threading
+from collections import deque
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import viser
+
+from server.live import View
+from server.viewer_host import start_viser, stop_viser
+from snakeslam.geometry import so3
+from snakeslam.messages import Float, MapChunk
+from snakeslam.runtime.topics import Picture, Report, RobotShape, Started, Tick
+
+RATE_HZ = 15.0
+PATH_RATE_HZ = 2.0
+PICTURE_RATE_HZ = 5.0
+MAX_PATH_POINTS = 2000
+POINT_SIZE_M = 0.012
+FRUSTUM_SCALE_M = 0.12
+BODY_RGB, HEAD_RGB = (62, 180, 137), (250, 190, 60)
+ESTIMATE_RGB, TRUTH_RGB = (80, 200, 255), (235, 110, 190)
+IDENTITY = (1.0, 0.0, 0.0, 0.0)
+
+
+def capsule_mesh(length_m: float, radius_m: float, sides: int = 12) -> tuple[Float, np.ndarray[Any, Any]]:
+    """Return vertices (V, 3) and faces (F, 3) of a link along x from 0 to ``length_m``, its ends rounded off."""
+    rings = [(0.0, 0.35), (0.06, 0.85), (0.2, 1.0), (0.8, 1.0), (0.94, 0.85), (1.0, 0.35)]
+    angle = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
+    circle = np.column_stack([np.cos(angle), np.sin(angle)])
+    body = [np.column_stack([np.full(sides, x * length_m), circle * r * radius_m]) for x, r in rings]
+    vertices = np.concatenate([*body, [[0.0, 0.0, 0.0], [length_m, 0.0, 0.0]]])
+    k = np.arange(sides)
+    after = (k + 1) % sides
+    faces: list[np.ndarray[Any, Any]] = []
+    for ring in range(len(rings) - 1):
+        a, b = ring * sides, (ring + 1) * sides
+        faces += [np.column_stack([a + k, a + after, b + k]), np.column_stack([a + after, b + after, b + k])]
+    rear, front, last = len(vertices) - 2, len(vertices) - 1, (len(rings) - 1) * sides
+    faces += [np.column_stack([np.full(sides, rear), after, k])]
+    faces += [np.column_stack([np.full(sides, front), last + k, last + after])]
+    return vertices, np.concatenate(faces)
+
+
+def path_segments(rows: list[tuple[float, float, float, float]]) -> Float:
+    """Return the path as segments (K, 2, 3), thinned to MAX_PATH_POINTS."""
+    every = len(rows) // MAX_PATH_POINTS + 1
+    points = np.array([*rows[:-1:every], rows[-1]])[:, 1:]
+    return np.stack([points[:-1], points[1:]], axis=1)
+
+
+class Scene:
+    """The nodes of one session's scene; node names are reused, so that messages replace each other."""
+
+    def __init__(self, server: viser.ViserServer) -> None:
+        self._server = server
+        self._scene = server.scene
+        self._robot: viser.BatchedMeshHandle | None = None
+        self._camera: viser.CameraFrustumHandle | None = None
+        self._paths: dict[str, viser.LineSegmentsHandle] = {}
+        self._chunks: dict[int, viser.PointCloudHandle] = {}
+        self._T_IC: Float = np.eye(4)
+        server.initial_camera.position = (-1.6, -1.8, 1.4)
+        server.initial_camera.look_at = (0.4, 0.0, 0.0)
+        self._furnish()
+
+    def reset(self, started: Started | None) -> None:
+        """Clear the scene and set up what a session draws."""
+        for handle in (self._robot, self._camera, *self._paths.values(), *self._chunks.values()):
+            if handle is not None:
+                handle.remove()
+        self._robot = self._camera = None
+        self._paths, self._chunks = {}, {}
+        if started is None:
+            return
+        self._T_IC = started.T_IC
+        self._camera = self._scene.add_camera_frustum(
+            "/camera",
+            fov=started.fov_y_rad,
+            aspect=started.aspect,
+            scale=FRUSTUM_SCALE_M,
+            thickness=0.003,
+            color=HEAD_RGB,
+            visible=False,
+        )
+        if started.robot is not None:
+            self._robot = self._add_robot(started.robot)
+
+    def show_tick(self, tick: Tick) -> None:
+        """Pose robot and camera."""
+        with self._server.atomic():
+            if self._robot is not None and tick.Ts_WL is not None:
+                self._robot.batched_positions = tick.Ts_WL[:, :3, 3].astype(np.float32)
+                self._robot.batched_wxyzs = so3.quat_wxyz_from_matrix(tick.Ts_WL[:, :3, :3]).astype(np.float32)
+                self._robot.visible = True
+            if self._camera is not None and tick.T_WI is not None:
+                T_WC = tick.T_WI @ self._T_IC
+                self._camera.position = T_WC[:3, 3]
+                self._camera.wxyz = so3.quat_wxyz_from_matrix(T_WC[:3, :3])
+                self._camera.visible = True
+
+    def show_picture(self, picture: Picture) -> None:
+        """Hang the picture into the frustum, as it came: no second encoding."""
+        if self._camera is not None:
+            self._camera._format = "jpeg"  # pyright: ignore[reportPrivateUsage]
+            self._camera._image_data = picture.jpeg  # pyright: ignore[reportPrivateUsage]
+
+    def show_path(self, name: str, rows: list[tuple[float, float, float, float]]) -> None:
+        """Draw a trajectory."""
+        if len(rows) < 2:
+            return
+        segments = path_segments(rows).astype(np.float32)
+        line = self._paths.get(name)
+        if line is not None:
+            line.points = segments
+            return
+        colour, width = (ESTIMATE_RGB, 3.0) if name == "estimate" else (TRUTH_RGB, 1.5)
+        self._paths[name] = self._scene.add_line_segments(
+            f"/{name}", segments, colour, thickness=width, thickness_units="screen"
+        )
+
+    def show_chunk(self, chunk: MapChunk) -> None:
+        """Draw a chunk of the map; its points keep half precision because they are near their keyframe."""
+        if len(chunk.points_K) == 0:
+            return
+        self._chunks[chunk.key] = self._scene.add_point_cloud(
+            f"/map/{chunk.key}",
+            chunk.points_K,
+            chunk.rgb,
+            point_size=POINT_SIZE_M,
+            point_shading="flat",
+            precision="float16",
+            position=chunk.T_WK[:3, 3],
+            wxyz=so3.quat_wxyz_from_matrix(chunk.T_WK[:3, :3]),
+        )
+
+    def _furnish(self) -> None:
+        self._scene.add_grid(
+            "/grid",
+            width=40.0,
+            height=40.0,
+            plane="xy",
+            cell_size=0.5,
+            section_size=1.0,
+            cell_color=(60, 64, 72),
+            section_color=(82, 88, 98),
+            position=(0.0, 0.0, -0.12),
+        )
+        self._scene.world_axes.visible = False
+
+    def _add_robot(self, shape: RobotShape) -> viser.BatchedMeshHandle:
+        vertices, faces = capsule_mesh(shape.joint_length_m, shape.radius_m)
+        links = shape.joint_count + 1
+        colours = np.tile(np.array(BODY_RGB, dtype=np.uint8), (links, 1))
+        colours[1::2] = colours[1::2] * 3 // 4
+        colours[-1] = HEAD_RGB
+        return self._scene.add_batched_meshes_simple(
+            "/robot",
+            vertices,
+            faces,
+            batched_wxyzs=np.tile(IDENTITY, (links, 1)),
+            batched_positions=np.zeros((links, 3)),
+            batched_colors=colours,
+            lod="off",
+            side="double",
+            visible=False,
+        )
+
+
+class Viewer:
+    """Owns the viser server and the thread that draws; reports are handed over without waiting."""
+
+    def __init__(self, path: Path) -> None:
+        self.server = start_viser(path)
+        self._scene = Scene(self.server)
+        self._lock = threading.Lock()
+        self._wanted: Started | None = None
+        self._fresh = False
+        self._tick: Tick | None = None
+        self._picture: Picture | None = None
+        self._chunks: deque[MapChunk] = deque()
+        self._view: View | None = None
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._draw_all, name="viewer", daemon=True)
+        self._thread.start()
+
+    def on_report(self, report: Report, view: View) -> None:
+        """Take a report of the session."""
+        with self._lock:
+            self._view = view
+            if isinstance(report, Started):
+                self._wanted, self._fresh = report, True
+                self._tick = self._picture = None
+                self._chunks.clear()
+            elif isinstance(report, Tick):
+                self._tick = report
+            elif isinstance(report, Picture):
+                self._picture = report
+            elif isinstance(report, MapChunk):
+                self._chunks.append(report)
+
+    def close(self) -> None:
+        """Stop drawing and serving."""
+        self._stop.set()
+        self._thread.join(2.0)
+        stop_viser(self.server)
+
+    def _draw_all(self) -> None:
+        rounds = 0
+        while not self._stop.wait(1.0 / RATE_HZ):
+            self._draw(
+                paths=rounds % round(RATE_HZ / PATH_RATE_HZ) == 0,
+                picture=rounds % round(RATE_HZ / PICTURE_RATE_HZ) == 0,
+            )
+            rounds += 1
+
+    def _draw(self, *, paths: bool, picture: bool) -> None:
+        with self._lock:
+            fresh, self._fresh = self._fresh, False
+            tick, self._tick = self._tick, None
+            shown = self._picture if picture else None
+            if picture:
+                self._picture = None
+            chunks, self._chunks = self._chunks, deque()
+            view, wanted = self._view, self._wanted
+        if fresh:
+            self._scene.reset(wanted)
+        for chunk in chunks:
+            self._scene.show_chunk(chunk)
+        if tick is not None:
+            self._scene.show_tick(tick)
+        if shown is not None:
+            self._scene.show_picture(shown)
+        if paths and view is not None:
+            self._scene.show_path("estimate", list(view.estimate.rows))
+            self._scene.show_path("truth", list(view.truth.rows))

@@ -123,7 +123,7 @@ EQUATIONS: dict[int, Equation] = {
             18,
             "Its integration",
             "f_M(t_{k+1}) = f_M(t_k) + df_M/dt dt",
-            note="Drifts: a wrong f(0) leaves 1.13 m of head offset. The drift-free form solves y_N = 0 for f directly.",
+            note="Drifts: a wrong f(0) leaves 1.13 m of head offset; the drift-free form solves y_N = 0 for f.",
         ),
         Equation(
             19,
@@ -238,7 +238,7 @@ EQUATIONS: dict[int, Equation] = {
             41,
             "Iterated update on the manifold",
             "x_0 = x^\nx_{j+1} = x^ [+] K_j [ z [-] h(x_j) + H_j (x_j [-] x^) ],   H_j, K_j at x_j\nP = (I - K H) P",
-            note="Printed without the iteration. The covariance is transported by J_j^-1; the iteration stops when dx is\n"
+            note="Printed without the iteration. The covariance is transported by J_j^-1; it stops when dx is\n"
             "small or the cost rises.",
         ),
     )

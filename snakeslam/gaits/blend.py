@@ -32,6 +32,7 @@ class GaitBlend:
         self._phase_pace = 0.0 if gait.rolls else 1.0
         self._left = np.asarray(q_rad, dtype=np.float64) - posed_angles(gait, model, self._sigma)[0]
         self._left_rate = np.zeros(model.joint_count)
+        self._came_upright = False
 
     @property
     def gait(self) -> ResolvedGait:
@@ -56,6 +57,8 @@ class GaitBlend:
 
     def step(self, drive: float, dt_s: float) -> Float:
         """Advance by ``dt_s`` with ``drive`` in [-1, 1] and return the angles, (N,) rad."""
+        if self._came_upright and self._next is not self._gait:
+            self._change()
         largest = dt_s / PACE_RAMP_S
         self._pace += float(np.clip(np.clip(drive, -1.0, 1.0) - self._pace, -largest, largest))
         self._advance_phase(dt_s)
@@ -67,9 +70,7 @@ class GaitBlend:
             self._phase_pace = min(1.0, self._phase_pace + abs(self._pace) * dt_s / PACE_RAMP_S)
         before = self._turns()
         self._sigma += self._pace * self._phase_pace * self._gait.omega * dt_s
-        waiting = self._next is not self._gait
-        if waiting and np.floor(before) != np.floor(self._turns()):
-            self._change()
+        self._came_upright = bool(np.floor(before) != np.floor(self._turns()))
 
     def _decay(self, dt_s: float) -> None:
         """Advance e'' = -2 w e' - w^2 e exactly."""

@@ -27,8 +27,10 @@ from snakeslam.runtime.session import SessionSpec
 
 PREFIX = "/api/v1"
 PAGE = Path(__file__).resolve().parents[1] / "web" / "dist"
-NO_PAGE = "<!doctype html><title>snakeslam</title><p>The page is not built: run <code>make setup</code>. The API is at "
-NO_PAGE += "<a href=/api/docs>/api/docs</a>, the 3D view at <a href=/viewer/>/viewer/</a>."
+NO_PAGE = (
+    "<!doctype html><title>snakeslam</title><p>The page is not built: run <code>make setup</code>. The API is at "
+    "<a href=/api/docs>/api/docs</a>, the 3D view at <a href=/viewer/>/viewer/</a>."
+)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,7 @@
 """The live session as the server sees it: one child process, its newest reports, and commands to it."""
 
 import asyncio
+import contextlib
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -254,10 +255,8 @@ class _Child:
         process, pipe = self._process, self._pipe
         if process is None or pipe is None:
             return
-        try:
+        with contextlib.suppress(OSError):
             self.send(Shutdown())
-        except OSError:
-            pass
         process.join(END_S)
         if process.is_alive():
             process.terminate()
@@ -290,10 +289,9 @@ class _Child:
         return "no exit code" if code is None else f"signal {-code}" if code < 0 else f"exit code {code}"
 
     def _hand_over(self, report: Report) -> None:
-        try:
+        # A closed loop means that the server has ended; nobody listens any more.
+        with contextlib.suppress(RuntimeError):
             self._loop.call_soon_threadsafe(self._take, report)
-        except RuntimeError:
-            pass  # The server is closing; nobody listens any more.
 
     def _take(self, report: Report) -> None:
         if isinstance(report, Tick):

@@ -99,12 +99,16 @@ def _uvicorn(app: FastAPI) -> uvicorn.Config:
 def _quiet_signals() -> Generator[None]:
     """uvicorn raises the signal that ended it once more; by then there is nothing left to do."""
     numbers = (signal.SIGINT, signal.SIGTERM)
-    previous = {number: signal.signal(number, lambda *_: None) for number in numbers}
+    previous = {number: signal.signal(number, _ignore) for number in numbers}
     try:
         yield
     finally:
         for number, handler in previous.items():
             signal.signal(number, handler)
+
+
+def _ignore(number: int, frame: object) -> None:
+    """Take a signal and do nothing."""
 
 
 def _write_token(folder: Path, token: str) -> Path:

@@ -15,7 +15,7 @@ MEDIA_TYPE = "application/problem+json"
 _log = structlog.get_logger("server")
 
 
-class Problem(Exception):
+class Problem(Exception):  # noqa: N818 - the word of RFC 9457
     """A refusal with its HTTP status."""
 
     def __init__(self, status: HTTPStatus, detail: str) -> None:

@@ -72,6 +72,11 @@ class Run:
     process: asyncio.subprocess.Process | None = None
     said: deque[str] = field(default_factory=lambda: deque(maxlen=LAST_LINES))
 
+    @property
+    def cancelled(self) -> bool:
+        """Whether somebody took it back."""
+        return self.state == "cancelled"
+
     def arguments(self) -> list[str]:
         """The command line's arguments."""
         request = self.request
@@ -157,7 +162,7 @@ class Runs:
         command = (sys.executable, "-m", "server.run_child", *run.arguments())
         pipe = asyncio.subprocess.PIPE
         run.process = process = await asyncio.create_subprocess_exec(*command, stdin=pipe, stdout=pipe, stderr=pipe)
-        if run.state == "cancelled":
+        if run.cancelled:  # While the process was being made.
             await _end(process)
         assert process.stdout is not None
         assert process.stderr is not None
@@ -186,7 +191,7 @@ def _progress(line: str) -> float | None:
 
 
 def _conclude(run: Run, code: int, out: str) -> None:
-    if run.state == "cancelled":
+    if run.cancelled:
         return
     lines = out.strip().splitlines()
     if code == 0 and lines:

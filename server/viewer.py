@@ -61,7 +61,7 @@ class Scene:
         self._camera: viser.CameraFrustumHandle | None = None
         self._paths: dict[str, viser.LineSegmentsHandle] = {}
         self._chunks: dict[int, viser.PointCloudHandle] = {}
-        self._T_IC: Float = np.eye(4)
+        self._camera_T_IC: Float = np.eye(4)
         server.initial_camera.position = (-1.6, -1.8, 1.4)
         server.initial_camera.look_at = (0.4, 0.0, 0.0)
         self._furnish()
@@ -75,7 +75,7 @@ class Scene:
         self._paths, self._chunks = {}, {}
         if started is None:
             return
-        self._T_IC = started.T_IC
+        self._camera_T_IC = started.T_IC
         self._camera = self._scene.add_camera_frustum(
             "/camera",
             fov=started.fov_y_rad,
@@ -96,7 +96,7 @@ class Scene:
                 self._robot.batched_wxyzs = so3.quat_wxyz_from_matrix(tick.Ts_WL[:, :3, :3]).astype(np.float32)
                 self._robot.visible = True
             if self._camera is not None and tick.T_WI is not None:
-                T_WC = tick.T_WI @ self._T_IC
+                T_WC = tick.T_WI @ self._camera_T_IC
                 self._camera.position = T_WC[:3, 3]
                 self._camera.wxyz = so3.quat_wxyz_from_matrix(T_WC[:3, :3])
                 self._camera.visible = True

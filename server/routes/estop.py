@@ -9,6 +9,7 @@ from server.deps import Rooms
 from server.state import state_json
 
 router = APIRouter(tags=["estop"])
+OPERATOR = "operator"
 
 
 class EStopRequest(BaseModel):
@@ -16,14 +17,14 @@ class EStopRequest(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
 
-    reason: str = Field("operator", min_length=1, max_length=200)
+    reason: str = Field(OPERATOR, min_length=1, max_length=200)
 
 
 @router.post("/estop")
 async def estop(house: Rooms, request: EStopRequest | None = None) -> dict[str, Any]:
     """Latch the emergency stop; answers when the robot holds."""
     try:
-        await house.live.estop((request or EStopRequest()).reason)
+        await house.live.estop(OPERATOR if request is None else request.reason)
     finally:
         house.telemetry.tell_state()
     return state_json(house.live)

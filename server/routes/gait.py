@@ -21,7 +21,7 @@ router = APIRouter(tags=["gait"])
 class GaitRequest(GaitSettings):
     """PUT /gait; a parameter that is left out or null takes the gait's own default, ``turn`` stays as it is."""
 
-    name: GaitName
+    name: GaitName  # pyright: ignore[reportGeneralTypeIssues]
     turn: Annotated[float, Field(ge=-1, le=1)] | None = None
 
 
@@ -40,7 +40,7 @@ async def put_gait(request: GaitRequest, house: Rooms) -> dict[str, Any]:
     turn = current.turn if request.turn is None else request.turn
     settings = GaitSettings(**request.model_dump(exclude={"turn"}))
     resolve(settings, _model(house.live), turn)
-    await house.live.command(SetGait(GaitCommand(t_ns=0, gait=settings.name, turn=turn, **_parameters(settings))))
+    await house.live.command(SetGait(_command(settings, turn)))
     house.telemetry.tell_state()
     return state_json(house.live)
 
@@ -66,8 +66,16 @@ def _model(live: Live) -> SnakeModel:
     return snake_model(live.view.config.robot)
 
 
-def _parameters(settings: GaitSettings) -> dict[str, float | None]:
-    return settings.model_dump(exclude={"name"})
+def _command(settings: GaitSettings, turn: float) -> GaitCommand:
+    return GaitCommand(
+        t_ns=0,
+        gait=settings.name,
+        turn=turn,
+        alpha_pi=settings.alpha_pi,
+        wavelength_joints=settings.wavelength_joints,
+        period_s=settings.period_s,
+        amplitude_deg=settings.amplitude_deg,
+    )
 
 
 def _entry_json(entry: CatalogueEntry) -> dict[str, Any]:

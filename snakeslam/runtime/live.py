@@ -38,7 +38,7 @@ class TruthView:
 
     def __init__(self) -> None:
         self._recent: deque[GroundTruth] = deque(maxlen=TRUTH_KEPT)
-        self._T_align: Float | None = None
+        self._align_T_WG: Float | None = None
 
     def on_truth(self, truth: Sequence[GroundTruth]) -> None:
         """Take new truth."""
@@ -49,11 +49,11 @@ class TruthView:
         nearest = min(self._recent, key=lambda truth: abs(truth.t_ns - t_ns), default=None)
         if nearest is None or abs(nearest.t_ns - t_ns) * NS > 0.02:
             return None
-        if self._T_align is None:
+        if self._align_T_WG is None:
             if T_WI is None:
                 return None
-            self._T_align = _yaw_alignment(T_WI, nearest.T_WI)
-        return self._T_align @ nearest.T_WI
+            self._align_T_WG = _yaw_alignment(T_WI, nearest.T_WI)
+        return self._align_T_WG @ nearest.T_WI
 
 
 def _yaw_alignment(T_WI: Float, T_GI: Float) -> Float:
@@ -74,8 +74,8 @@ class LiveSink:
         self._model, self._put, self._clock = model, put, clock
         self._truth, self._still = TruthView(), HeadStillness()
         self._health = Health(Verdict.INITIALISING)
-        self._T_WI: Float | None = None
-        self._T_WI_truth: Float | None = None
+        self._newest_T_WI: Float | None = None
+        self._true_T_WI: Float | None = None
         self._q_target: Float | None = None
         self._q_measured: Float | None = None
         self._points: dict[int, int] = {}
@@ -101,18 +101,18 @@ class LiveSink:
         self._truth.on_truth(truth)
         # The frame's own truth may come with the step's packets, after the frame.
         if self._t_frame_ns:
-            self._T_WI_truth = self._truth.at(self._t_frame_ns, self._T_WI)
+            self._true_T_WI = self._truth.at(self._t_frame_ns, self._newest_T_WI)
 
     def on_update(self, update: SlamUpdate, frame: CameraFrame, slam_ms: float) -> None:
         """Take slam's word on a frame."""
         del slam_ms
         self._frames.append(self._clock())
         self._health, self._t_frame_ns = update.health, update.t_ns
-        self._T_WI = None if update.pose is None else update.pose.T_WI
+        self._newest_T_WI = None if update.pose is None else update.pose.T_WI
         if update.pose is not None:
             self._still.on_pose(update.pose)
             self._walk(update.pose.T_WI[:3, 3])
-        self._T_WI_truth = self._truth.at(update.t_ns, self._T_WI)
+        self._true_T_WI = self._truth.at(update.t_ns, self._newest_T_WI)
         for chunk in update.chunks:
             self._points[chunk.key] = len(chunk.points_K)
             self._put(chunk)
@@ -148,9 +148,9 @@ class LiveSink:
                 frame_rate_hz=self._frame_rate_hz(),
                 q_target_rad=self._q_target,
                 q_measured_rad=self._q_measured,
-                T_WI=self._T_WI,
+                T_WI=self._newest_T_WI,
                 Ts_WL=self._links(),
-                T_WI_truth=self._T_WI_truth,
+                T_WI_truth=self._true_T_WI,
                 head=self._still.motion(),
                 error_m=self._error_m(),
                 distance_m=self._distance_m,
@@ -167,14 +167,14 @@ class LiveSink:
             self._last_p_W, self._distance_m = p_W, (self._distance_m or 0.0) + step_m
 
     def _links(self) -> Float | None:
-        if self._model is None or self._T_WI is None or self._q_measured is None:
+        if self._model is None or self._newest_T_WI is None or self._q_measured is None:
             return None
-        return link_poses_from_imu(self._model, self._q_measured, self._T_WI)
+        return link_poses_from_imu(self._model, self._q_measured, self._newest_T_WI)
 
     def _error_m(self) -> float | None:
-        if self._T_WI is None or self._T_WI_truth is None:
+        if self._newest_T_WI is None or self._true_T_WI is None:
             return None
-        return float(np.linalg.norm(self._T_WI[:3, 3] - self._T_WI_truth[:3, 3]))
+        return float(np.linalg.norm(self._newest_T_WI[:3, 3] - self._true_T_WI[:3, 3]))
 
     def _frame_rate_hz(self) -> float | None:
         if len(self._frames) < 2 or self._clock() - self._frames[-1] > 2.0:

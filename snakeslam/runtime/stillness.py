@@ -17,7 +17,7 @@ class HeadStillness:
     def __init__(self, window_s: float = 4.0) -> None:
         self._window_s = window_s
         self._path: deque[tuple[float, float, float]] = deque()
-        self._R_WI: Float = np.eye(3)
+        self._newest_R_WI: Float = np.eye(3)
         self._yaw_rad: float | None = None
         self._yaw_t_s = 0.0
         self._rate_rad_s: float | None = None
@@ -26,14 +26,14 @@ class HeadStillness:
     def on_imu(self, imu: ImuSample) -> None:
         """Take the rate about the vertical from the gyroscope, as the newest estimate knows the vertical."""
         self._has_gyro = True
-        rate = float(self._R_WI[2] @ imu.gyro_I)
+        rate = float(self._newest_R_WI[2] @ imu.gyro_I)
         # A tenth of a second of smoothing at 200 Hz.
         self._rate_rad_s = rate if self._rate_rad_s is None else self._rate_rad_s + 0.05 * (rate - self._rate_rad_s)
 
     def on_pose(self, pose: PoseEstimate) -> None:
         """Take an estimate."""
-        t_s, self._R_WI = pose.t_ns * NS, pose.T_WI[:3, :3]
-        yaw = float(np.arctan2(self._R_WI[1, 0], self._R_WI[0, 0]))
+        t_s, self._newest_R_WI = pose.t_ns * NS, pose.T_WI[:3, :3]
+        yaw = float(np.arctan2(self._newest_R_WI[1, 0], self._newest_R_WI[0, 0]))
         if not self._has_gyro and self._yaw_rad is not None and t_s > self._yaw_t_s:
             turn = (yaw - self._yaw_rad + np.pi) % (2.0 * np.pi) - np.pi
             self._rate_rad_s = float(turn / (t_s - self._yaw_t_s))

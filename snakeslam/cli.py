@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 BUILT = "serve, run, replay, eq"
 INTERRUPTED, TERMINATED = 130, 143
 
-app = typer.Typer(add_completion=False, no_args_is_help=True, rich_markup_mode=None, help=__doc__)
+app = typer.Typer(add_completion=False, rich_markup_mode=None)
 
 SetOption = Annotated[
     list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a setting; may be given many times.")
@@ -31,6 +31,21 @@ JsonOption = Annotated[bool, typer.Option("--json", help="Print the metrics as o
 SeedOption = Annotated[int | None, typer.Option("--seed", metavar="N", help="Seed of everything random.")]
 DurationOption = Annotated[float | None, typer.Option("--duration", metavar="S", help="Seconds of simulated time.")]
 ProgressOption = Annotated[bool, typer.Option("--progress-json", hidden=True)]
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        typer.echo(f"snakeslam {version('snakeslam')}")
+        raise typer.Exit
+
+
+@app.callback()
+def common(
+    version: Annotated[bool, typer.Option("--version", callback=_print_version, is_eager=True)] = False,
+) -> None:
+    """Gait control, SLAM and a dashboard for snake robots."""
 
 
 @app.command()
@@ -100,18 +115,18 @@ def _add_later_command(name: str, help_text: str) -> None:
     """Add a command of the contract that a later version brings; it takes any arguments and says so."""
 
     def later(context: typer.Context) -> NoReturn:
-        raise NotBuiltError("snakeslam", str(context.info_name), BUILT)
+        raise NotBuiltError("command", str(context.info_name), BUILT)
 
     settings = {"allow_extra_args": True, "ignore_unknown_options": True}
-    app.command(name, context_settings=settings, help=f"{help_text} (not built yet)")(later)
+    app.command(name, context_settings=settings, help=f"{help_text} (not built yet).")(later)
 
 
 for _name, _help in (
-    ("export", "Write a run or a recording in another format."),
-    ("study", "Run a study: many runs, tables and figures."),
-    ("report", "Figures and an HTML page of a run."),
-    ("hw", "The real robot's tools."),
-    ("node", "One node of the live system, on its own."),
+    ("export", "Write a run in another format"),
+    ("study", "Run a study: many runs, tables and figures"),
+    ("report", "Figures and an HTML page of a run"),
+    ("hw", "The real robot's tools"),
+    ("node", "One node of the live system, on its own"),
 ):
     _add_later_command(_name, _help)
 
@@ -119,7 +134,8 @@ for _name, _help in (
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code; a user's mistake is one line on stderr, never a traceback."""
     try:
-        code: Any = app(args=arguments, prog_name="snakeslam", standalone_mode=False)
+        given = list(sys.argv[1:] if arguments is None else arguments)
+        code: Any = app(args=given or ["--help"], prog_name="snakeslam", standalone_mode=False)
     except SnakeslamError as error:
         return _fail(str(error), error.exit_code)
     except typer.TyperException as error:

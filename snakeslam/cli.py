@@ -169,17 +169,25 @@ def _experiment(
     """Run, tell the progress, print the result."""
     from snakeslam.studies.experiment import run_experiment
 
-    signal.signal(signal.SIGTERM, _terminate)
-    with _progress(report) as progress:
+    with _terminable(), _progress(report) as progress:
         result = run_experiment(config, recording, duration_s, out, progress)
     typer.echo(f"written: {result.out}", err=True)
     typer.echo(json.dumps(result.metrics.as_dict(), allow_nan=False) if as_json else _summary(result))
 
 
-def _terminate(signal_number: int, frame: object) -> NoReturn:
-    """Leave through the ``finally`` blocks, so that a cancelled run leaves nothing behind."""
-    del signal_number, frame
-    sys.exit(TERMINATED)
+@contextmanager
+def _terminable() -> Generator[None]:
+    """Let SIGTERM leave through the ``finally`` blocks, so that a cancelled run leaves nothing behind."""
+
+    def leave(signal_number: int, stack: object) -> NoReturn:
+        del signal_number, stack
+        sys.exit(TERMINATED)
+
+    before = signal.signal(signal.SIGTERM, leave)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 @contextmanager

@@ -14,6 +14,8 @@ from snakeslam.settings import Settings
 
 Positive = Annotated[float, Field(gt=0)]
 ROTATION_TOLERANCE = 1e-3
+KALIBR_EXTRAS = ("rostopic", "cam_overlaps")
+"""Keys that Kalibr writes and nobody here needs."""
 
 
 class CameraCalibration(Settings):
@@ -86,11 +88,23 @@ def load_rig(path: Path) -> SensorRig:
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise InputError(str(path), f"cannot be read: {' '.join(str(error).split())}") from error
     try:
-        return SensorRig.model_validate(raw)
+        return SensorRig.model_validate(_without_extras(raw))
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"]) or "top level"
         raise InputError(f"{path}: {key}", first["msg"]) from error
+
+
+def _without_extras(raw: Any) -> Any:
+    if not isinstance(raw, dict):
+        return raw
+    groups: dict[Any, Any] = {
+        name: {key: value for key, value in group.items() if key not in KALIBR_EXTRAS}
+        if isinstance(group, dict)
+        else group
+        for name, group in raw.items()
+    }
+    return groups
 
 
 def dump_rig(rig: SensorRig, path: Path) -> None:

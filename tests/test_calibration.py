@@ -44,6 +44,12 @@ def test_a_rig_survives_the_file(tmp_path: Path) -> None:
     assert rig.cam0.timeshift_cam_imu == 0.003
 
 
+def test_what_kalibr_adds_is_let_pass(tmp_path: Path) -> None:
+    extra = {"rostopic": "/cam0", "cam_overlaps": []}
+    rig = RIG | {"cam0": RIG["cam0"] | extra, "imu0": RIG["imu0"] | {"rostopic": "/imu0"}}
+    assert load_rig(write(tmp_path / "a.yaml", rig)) == SensorRig.model_validate(RIG)
+
+
 def test_the_transforms_are_inverse_and_map_imu_to_camera() -> None:
     cam0 = SensorRig.model_validate(RIG).cam0
     np.testing.assert_allclose(cam0.T_CI @ cam0.T_IC, np.eye(4), atol=1e-15)

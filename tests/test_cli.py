@@ -64,8 +64,8 @@ def test_version(cli: Cli) -> None:
         ["study", "a.yaml", "--workers", "2"],
         ["report"],
         ["hw", "scan"],
-    ]
-    + [["node", "robot", "--connect", "tcp/host"]],
+        ["node", "robot", "--connect", "tcp/host"],
+    ],
     ids=lambda arguments: arguments[0],
 )
 def test_commands_of_later_versions_say_so(cli: Cli, arguments: list[str]) -> None:

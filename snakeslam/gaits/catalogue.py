@@ -16,6 +16,9 @@ GaitName = Literal["serpentine", "sidewinding", "arc_rolling", "helix_rolling", 
 ParameterKey = Literal["alpha_pi", "wavelength_joints", "period_s", "amplitude_deg"]
 
 TURN_OFFSET_RAD = float(np.deg2rad(6.0))
+"""Yaw offset beta_o at full turn, for gaits that wind forward."""
+TURN_TAPER = 0.7
+"""Taper at full turn of sidewinding, where an offset turns nothing: the end that steps less is turned about."""
 LIMIT_SHARE = 0.9
 """Share of the servo's rate and acceleration that a gait may plan with; the rest is for transitions."""
 
@@ -163,7 +166,7 @@ def resolve(settings: GaitSettings, model: SnakeModel, turn: float = 0.0) -> Res
         amplitude = float(np.deg2rad(value["amplitude_deg"]))
     shape = _shape(settings.name, amplitude, 2.0 * np.pi / wavelength)
     if entry.turns:
-        shape = replace(shape, beta_o=float(np.clip(turn, -1.0, 1.0)) * TURN_OFFSET_RAD)
+        shape = _turned(shape, settings.name, float(np.clip(turn, -1.0, 1.0)))
     omega = 2.0 * np.pi / value["period_s"]
     _check(shape, omega, model)
     return ResolvedGait(settings.name, shape, omega, entry.rolls, np.pi / 2.0 if entry.rolls else 0.0)
@@ -184,17 +187,24 @@ def _shape(name: GaitName, amplitude: float, k: float) -> ParametricGait:
             return ParametricGait(amplitude, amplitude / 3.0, k, 2.0 * k, harmonic_e=2.0, delta=np.pi / 2.0)
 
 
+def _turned(shape: ParametricGait, name: GaitName, turn: float) -> ParametricGait:
+    if name == "sidewinding":
+        return replace(shape, taper=-turn * TURN_TAPER)
+    return replace(shape, beta_o=turn * TURN_OFFSET_RAD)
+
+
 def _check(shape: ParametricGait, omega: float, model: SnakeModel) -> None:
     limits = model.limits
-    position = abs(shape.amplitude_o) + TURN_OFFSET_RAD
+    swell = 1.0 + abs(shape.taper)
+    position = swell * abs(shape.amplitude_o) + abs(shape.beta_o)
     if position > limits.position_rad:
         raise InputError(
             "gait",
             f"the yaw joints would bend {np.rad2deg(position):.0f} deg",
             f"at most {np.rad2deg(limits.position_rad):.0f} deg: less alpha_pi, or a longer wavelength_joints",
         )
-    reach = max(abs(shape.amplitude_o) * shape.harmonic_o, abs(shape.amplitude_e) * shape.harmonic_e)
-    curve = max(abs(shape.amplitude_o) * shape.harmonic_o**2, abs(shape.amplitude_e) * shape.harmonic_e**2)
+    reach = swell * max(abs(shape.amplitude_o) * shape.harmonic_o, abs(shape.amplitude_e) * shape.harmonic_e)
+    curve = swell * max(abs(shape.amplitude_o) * shape.harmonic_o**2, abs(shape.amplitude_e) * shape.harmonic_e**2)
     fastest = LIMIT_SHARE * min(limits.rate_rad_s / reach, np.sqrt(limits.acceleration_rad_s2 / curve))
     if omega > fastest:
         raise InputError(

@@ -25,6 +25,8 @@ class ParametricGait:
     delta: float = 0.0
     beta_o: float = 0.0
     beta_e: float = 0.0
+    taper: float = 0.0
+    """Share by which the amplitudes fall towards the head and rise towards the tail; not in the paper (0 there)."""
 
 
 def joint_angles(gait: ParametricGait, joint_count: int, sigma: float) -> Float:
@@ -33,15 +35,20 @@ def joint_angles(gait: ParametricGait, joint_count: int, sigma: float) -> Float:
     Eq. (1): alpha(n) = beta_o + A_o sin(theta_o) for odd n, beta_e + A_e sin(theta_e + delta) for even n.
     Eq. (2): theta_o = k_o n + omega_o t, theta_e = k_e n + omega_e t, for each family separately.
     """
-    n = np.arange(1, joint_count + 1)
-    yaw = gait.beta_o + gait.amplitude_o * np.sin(gait.k_o * n + gait.harmonic_o * sigma)
-    pitch = gait.beta_e + gait.amplitude_e * np.sin(gait.k_e * n + gait.harmonic_e * sigma + gait.delta)
+    n, taper = _joints_and_taper(gait, joint_count)
+    yaw = gait.beta_o + taper * gait.amplitude_o * np.sin(gait.k_o * n + gait.harmonic_o * sigma)
+    pitch = gait.beta_e + taper * gait.amplitude_e * np.sin(gait.k_e * n + gait.harmonic_e * sigma + gait.delta)
     return np.where(n % 2 == 1, yaw, pitch)
 
 
 def joint_slopes(gait: ParametricGait, joint_count: int, sigma: float) -> Float:
     """Return d(angles)/d(sigma) of Eq. (1)-(2), (N,)."""
-    n = np.arange(1, joint_count + 1)
-    yaw = gait.amplitude_o * gait.harmonic_o * np.cos(gait.k_o * n + gait.harmonic_o * sigma)
-    pitch = gait.amplitude_e * gait.harmonic_e * np.cos(gait.k_e * n + gait.harmonic_e * sigma + gait.delta)
+    n, taper = _joints_and_taper(gait, joint_count)
+    yaw = taper * gait.amplitude_o * gait.harmonic_o * np.cos(gait.k_o * n + gait.harmonic_o * sigma)
+    pitch = taper * gait.amplitude_e * gait.harmonic_e * np.cos(gait.k_e * n + gait.harmonic_e * sigma + gait.delta)
     return np.where(n % 2 == 1, yaw, pitch)
+
+
+def _joints_and_taper(gait: ParametricGait, joint_count: int) -> tuple[Float, Float]:
+    n = np.arange(1.0, joint_count + 1)
+    return n, 1.0 - gait.taper * (2.0 * n - joint_count - 1) / (joint_count - 1)

@@ -56,7 +56,9 @@ export const api = {
   estop: (reason: string) => request<unknown>("POST", "/estop", { reason }, 1500),
   resetEstop: () => request<unknown>("POST", "/estop/reset"),
   recordings: () => request<Recording[]>("GET", "/recordings"),
-  play: (id: string, mode: string) => request<unknown>("POST", `/recordings/${encodeURIComponent(id)}/play`, { mode }),
+  // Without a mode the server takes the one that the recording's sensors allow.
+  play: (id: string, mode: string | null) =>
+    request<unknown>("POST", `/recordings/${encodeURIComponent(id)}/play`, mode === null ? {} : { mode }, 60_000),
   startSim: (overrides: Overrides) => request<unknown>("POST", "/sim/start", { overrides }, 60_000),
   runs: () => request<Run[]>("GET", "/runs"),
   submitRun: (run: RunRequest) => request<Run>("POST", "/runs", run),

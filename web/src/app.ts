@@ -27,6 +27,8 @@ export class App {
   readonly timeline = new Channel<TimelineEvent>();
   readonly notice = new Channel<Notice | null>();
   readonly theme = new Channel<void>();
+  /** A telemetry socket has opened: what it sends next repeats what is known. */
+  readonly opened = new Channel<void>();
   /** performance.now() of the last message of any kind. */
   lastMessageMs: number | null = null;
 

@@ -37,6 +37,11 @@ export function age(milliseconds: number): string {
   return `${Math.round(seconds / 60)} min`;
 }
 
+/** A unit of the catalogue as it is written on the page. */
+export function unitSign(unit: string): string {
+  return { deg: "\u00b0", "pi rad": "\u03c0 rad", "deg/s": "\u00b0/s" }[unit] ?? unit;
+}
+
 /** The shortest decimals that still show a slider's step. */
 export function stepDecimals(step: number): number {
   return Math.max(0, Math.min(4, Math.ceil(-Math.log10(step) - 1e-9)));

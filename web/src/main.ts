@@ -55,6 +55,12 @@ function start(): void {
   app.link.watch(({ phase }) => {
     if (phase === "live" && app.catalogue.get().length === 0) void app.loadCatalogue();
   });
+  // The gaits' defaults depend on the robot.
+  let robot = "";
+  app.state.watch((state) => {
+    if (robot !== "" && state && state.robot.model !== robot) void app.loadCatalogue();
+    robot = state?.robot.model ?? robot;
+  });
   telemetry.start();
 }
 

@@ -22,16 +22,6 @@ export class Sparkline {
     if (this.values.length > this.capacity) this.values.shift();
   }
 
-  clear(): void {
-    this.values.length = 0;
-  }
-
-  /** The largest minus the smallest value kept, or null without any. */
-  get span(): number | null {
-    const known = this.values.filter(Number.isFinite);
-    return known.length === 0 ? null : Math.max(...known) - Math.min(...known);
-  }
-
   draw(): void {
     fitCanvas(this.canvas);
     const context = this.canvas.getContext("2d");

@@ -46,6 +46,7 @@ export class Telemetry {
     const socket = new WebSocket(`${scheme}://${location.host}/api/v1/telemetry`);
     socket.binaryType = "arraybuffer";
     this.socket = socket;
+    socket.onopen = () => this.app.opened.emit();
     socket.onmessage = (event: MessageEvent<string | ArrayBuffer>) => this.receive(event.data);
     socket.onclose = () => {
       if (this.socket === socket) void this.dropped();

@@ -13,12 +13,17 @@ function stored(): Theme | null {
   }
 }
 
-export function currentTheme(): Theme {
+function chosenTheme(): Theme {
   return stored() ?? (matchMedia("(prefers-color-scheme: light)").matches ? "light" : "dark");
 }
 
+/** The theme on the page now. */
+export function shownTheme(): Theme {
+  return document.documentElement.dataset["theme"] === "light" ? "light" : "dark";
+}
+
 function show(): void {
-  document.documentElement.dataset["theme"] = currentTheme();
+  document.documentElement.dataset["theme"] = chosenTheme();
 }
 
 /** Apply the theme now and whenever the system's preference changes. */
@@ -31,7 +36,7 @@ export function startTheme(onChange: () => void): void {
 }
 
 export function toggleTheme(): void {
-  const next = currentTheme() === "dark" ? "light" : "dark";
+  const next = shownTheme() === "dark" ? "light" : "dark";
   try {
     localStorage.setItem(KEY, next);
   } catch {

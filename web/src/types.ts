@@ -17,6 +17,8 @@ export interface GaitEntry {
   name: string;
   title: string;
   summary: string;
+  /** Whether it can be steered. */
+  turns?: boolean;
   parameters: GaitParameter[];
 }
 

@@ -41,11 +41,12 @@ export function mountDrive(app: App): void {
     const ready = app.commandable;
     start.disabled = !ready || state?.estop.latched === true || state?.moving === true;
     stop.disabled = !ready || state?.moving !== true;
-    turn.disabled = straight.disabled = !ready;
+    turn.disabled = straight.disabled = !ready || !canTurn(app);
     if (state && !sender.busy && document.activeElement !== turn) show(state.gait.turn);
     setText(why, note(app));
   };
   app.state.watch(sync);
+  app.catalogue.watch(sync);
   app.link.watch(sync);
 }
 
@@ -63,7 +64,12 @@ function note(app: App): string {
   if (!state || app.link.get().phase !== "live") return "";
   if (state.source.kind === "recording") return "A recording plays: there is no robot to drive. Choose the simulator above.";
   if (state.estop.latched) return "Reset the emergency stop first.";
-  return "";
+  return canTurn(app) ? "" : "This gait cannot turn.";
+}
+
+function canTurn(app: App): boolean {
+  const name = app.state.get()?.gait.name;
+  return app.catalogue.get().find((gait) => gait.name === name)?.turns !== false;
 }
 
 /** Sends the newest turn at a bounded rate while the slider moves. */

@@ -78,8 +78,10 @@ export function listenForStopKeys(target: Window, app: App, estop: EStop): void 
     "keydown",
     (event) => {
       const space = event.code === "Space" && !isTextField(event.target);
-      const closing = event.key === "Escape" && !app.state.get()?.moving && document.querySelector("dialog[open]") !== null;
-      if ((!space && event.key !== "Escape") || closing || event.repeat) return;
+      if ((!space && event.key !== "Escape") || event.repeat) return;
+      const dialog = space ? null : document.querySelector<HTMLDialogElement>("dialog[open]");
+      dialog?.close();
+      if (dialog && !app.state.get()?.moving) return;
       if (space) {
         event.preventDefault(); // or the focused button would be pressed as well
         event.stopPropagation();

@@ -25,6 +25,10 @@ export function mountEvents(app: App): void {
   );
   const marks: Mark[] = [];
   const events: TimelineEvent[] = [];
+  app.opened.on(() => {
+    events.length = 0;
+    list.replaceChildren(empty);
+  });
   app.timeline.on((event) => {
     empty.remove();
     events.push(event);

@@ -1,6 +1,7 @@
 // Keys and what the page's words mean.
 
 import { byId, h } from "../dom";
+import { openDialog, prepareDialog } from "./dialog";
 
 const KEYS: [string, string][] = [
   ["Space", "Emergency stop (except while typing in a text field). Buttons are pressed with Enter."],
@@ -19,15 +20,7 @@ export function mountHelp(): () => void {
   const dialog = byId("help") as HTMLDialogElement;
   const rows = (pairs: [string, string][], tag: "kbd" | "span") =>
     pairs.flatMap(([word, meaning]) => [h("dt", {}, h(tag, {}, word)), h("dd", {}, meaning)]);
-  dialog.append(
-    h(
-      "header",
-      { class: "dialog-head" },
-      h("h2", {}, "Keys and words"),
-      h("button", { class: "text-button", type: "button", onclick: () => dialog.close() }, "Close"),
-    ),
-    h("dl", {}, ...rows(KEYS, "kbd")),
-    h("dl", {}, ...rows(WORDS, "span")),
-  );
-  return () => dialog.showModal();
+  const keys = h("dl", {}, ...rows(KEYS, "kbd"));
+  prepareDialog(dialog, "Keys and words", keys, h("dl", {}, ...rows(WORDS, "span")));
+  return () => openDialog(dialog);
 }

@@ -41,7 +41,7 @@ class JointsPanel {
         "div",
         { class: "plot-bar" },
         this.chips,
-        h("span", { class: "line-key" }, h("i", { class: "solid" }), "measured ", h("i", { class: "dashed" }), "commanded"),
+        h("span", { class: "line-key" }, h("i", { class: "solid" }), "meas. ", h("i", { class: "dashed" }), "cmd."),
         h("details", { class: "picker" }, h("summary", {}, "Choose joints", icon("chevron")), this.grid),
         this.pause,
       ),
@@ -53,7 +53,7 @@ class JointsPanel {
           "figure",
           { class: "overview" },
           this.heatmap.canvas,
-          h("figcaption", {}, "All joints, head on top", this.scale),
+          h("figcaption", {}, "All joints, head up", this.scale),
         ),
       ),
     );
@@ -141,7 +141,7 @@ class JointsPanel {
       series,
       legend: { show: false },
       cursor: { show: false },
-      padding: [8, 8, 0, 0],
+      padding: [8, 14, 0, 0],
       scales: { x: { time: false, range: [-WINDOW_S, 0] }, y: { range: (_, low, high) => paddedRange(low, high) } },
       axes: [
         { ...axis, font, size: 26, values: (_, ticks) => ticks.map((tick) => (tick === 0 ? "now" : `${tick} s`)) },

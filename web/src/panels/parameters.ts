@@ -3,7 +3,7 @@
 import { api } from "../api";
 import type { App } from "../app";
 import { byId, h, setText } from "../dom";
-import { fixed, stepDecimals } from "../format";
+import { fixed, stepDecimals, unitSign } from "../format";
 import { besselJ0 } from "../snake";
 import type { GaitEntry, GaitParameter, ParameterKey, ParameterValues } from "../types";
 import { defaults, inForce } from "./gaits";
@@ -34,7 +34,7 @@ class Field {
       "div",
       { class: "field" },
       h("label", { for: `parameter-${key}` }, label),
-      h("span", { class: "field-entry" }, this.number, h("span", { class: "unit" }, unit)),
+      h("span", { class: "field-entry" }, this.number, h("span", { class: "unit" }, unitSign(unit))),
       this.slider,
       h("span", { class: "field-limits muted num", id: `limits-${key}` }, `${min} to ${max}`),
     );

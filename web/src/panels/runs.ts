@@ -94,7 +94,7 @@ class Row {
   private readonly bar = h("progress", { max: 1, value: 0 });
   private readonly words = h("span");
   private readonly cells = Array.from({ length: 4 }, () => h("td", { class: "num" }));
-  private readonly files = h("td", { class: "run-files" });
+  private readonly files = h("div", { class: "run-files" });
   private readonly cancel = h("button", { class: "text-button", type: "button" }, "Cancel");
   private artifacts = "";
 
@@ -103,7 +103,7 @@ class Row {
     this.cancel.setAttribute("aria-label", `Cancel run ${id}`);
     this.bar.setAttribute("aria-label", `Progress of run ${id}`);
     this.state.append(this.words, this.bar);
-    this.root.append(h("td", { class: "num" }, id.slice(0, 8)), this.state, ...this.cells, this.files, h("td", {}, this.cancel));
+    this.root.append(h("td", { class: "num" }, id.slice(0, 8)), this.state, ...this.cells, h("td", {}, this.files), h("td", {}, this.cancel));
     this.root.dataset["run"] = id;
   }
 

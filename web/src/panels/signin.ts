@@ -3,6 +3,7 @@
 import { ApiError, api } from "../api";
 import type { App } from "../app";
 import { byId, h, setText } from "../dom";
+import { openDialog } from "./dialog";
 
 export function mountSignIn(app: App, onSignedIn: () => void): void {
   const dialog = byId("signin") as HTMLDialogElement;
@@ -34,8 +35,7 @@ export function mountSignIn(app: App, onSignedIn: () => void): void {
     }
   };
   dialog.append(form);
-  dialog.addEventListener("cancel", (event) => event.preventDefault());
   app.link.watch(({ phase }) => {
-    if (phase === "signed-out" && !dialog.open) dialog.showModal();
+    if (phase === "signed-out" && !dialog.open) openDialog(dialog);
   });
 }

@@ -5,6 +5,7 @@ import type { App } from "../app";
 import { byId, h, icon, setText } from "../dom";
 import { fixed } from "../format";
 import type { Overrides, Recording, RobotState } from "../types";
+import { openDialog, prepareDialog } from "./dialog";
 
 type Choices = Record<string, string>;
 
@@ -47,7 +48,6 @@ class SourceDialog {
   private readonly list = h("ul", { class: "recordings" });
 
   constructor(private readonly app: App) {
-    const close = h("button", { class: "text-button", type: "button", onclick: () => this.dialog.close() }, "Close");
     const form = h(
       "form",
       { class: "sim-form" },
@@ -61,18 +61,16 @@ class SourceDialog {
       event.preventDefault();
       this.choose(() => api.startSim(this.overrides()));
     });
-    this.dialog.append(
-      h("header", { class: "dialog-head" }, h("h2", {}, "What to show"), close),
+    prepareDialog(
+      this.dialog,
+      "What to show",
       h("section", {}, h("h3", {}, icon("cube"), "Simulator"), form),
       h("section", {}, h("h3", {}, icon("film"), "Recordings"), this.list),
     );
-    this.dialog.addEventListener("click", (event) => {
-      if (event.target === this.dialog) this.dialog.close();
-    });
   }
 
   open(): void {
-    this.dialog.showModal();
+    openDialog(this.dialog);
     void this.load();
   }
 
@@ -98,9 +96,7 @@ class SourceDialog {
   }
 
   private row(recording: Recording): HTMLElement {
-    const mode = select(`mode-${recording.id}`, MODES);
-    // A TUM RGB-D folder has no gyroscope as a rule.
-    mode.value = recording.kind.startsWith("tum") ? "visual" : "vio";
+    const mode = select(`mode-${recording.id}`, MODES, "What its sensors allow");
     mode.setAttribute("aria-label", `Estimator for ${recording.name}`);
     const play = h(
       "button",
@@ -108,7 +104,7 @@ class SourceDialog {
         class: "button",
         type: "button",
         "aria-label": `Play ${recording.name}`,
-        onclick: () => this.choose(() => api.play(recording.id, mode.value)),
+        onclick: () => this.choose(() => api.play(recording.id, mode.value || null)),
       },
       icon("play"),
       "Play",

@@ -3,7 +3,7 @@
 import type { App, Link } from "../app";
 import { type IconName, byId, h, icon, setText } from "../dom";
 import { age, clock, fixed } from "../format";
-import { currentTheme, toggleTheme } from "../theme";
+import { shownTheme, toggleTheme } from "../theme";
 import type { RobotState } from "../types";
 
 const REFRESH_MS = 200;
@@ -39,15 +39,15 @@ export function mountTopbar(app: App, openHelp: () => void): void {
 
   const theme = iconButton("moon", "Switch between dark and light", () => {
     toggleTheme();
-    paintTheme();
     app.theme.emit();
   });
-  const paintTheme = () => theme.replaceChildren(icon(currentTheme() === "dark" ? "sun" : "moon"));
+  const paintTheme = () => theme.replaceChildren(icon(shownTheme() === "dark" ? "sun" : "moon"));
   paintTheme();
   byId("tools").append(iconButton("help", "Keys and help", openHelp), theme);
 
   let last: { t_s: number; realtime_factor: number | null } | null = null;
   app.tick.on((tick) => (last = tick));
+  app.theme.on(paintTheme);
   app.state.watch((state) => {
     last = state;
     setText(session.value, sessionWords(state));

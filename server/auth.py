@@ -117,7 +117,7 @@ class HostRule:
 
     def allows(self, host: str) -> bool:
         """Whether a Host header (name or address, with or without a port) is ours."""
-        name = (urlsplit(f"//{host}").hostname or "").lower()
+        name = _host_name(f"//{host}")
         if name in self._names:
             return True
         try:
@@ -127,13 +127,20 @@ class HostRule:
         return self._any_address or address.is_loopback
 
 
+def _host_name(url: str) -> str:
+    try:
+        return (urlsplit(url).hostname or "").lower()
+    except ValueError:
+        return ""
+
+
 def same_origin(headers: Headers) -> bool:
     """Whether the page that asks comes from this server; programs send no Origin."""
     origin = headers.get("origin")
     if origin is None:
         return True
-    parts = urlsplit(origin)
-    return parts.scheme in ("http", "https") and parts.netloc.lower() == headers.get("host", "").lower()
+    scheme, _, netloc = origin.partition("://")
+    return scheme in ("http", "https") and netloc.lower() == headers.get("host", "").lower()
 
 
 class Guard:

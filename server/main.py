@@ -92,6 +92,7 @@ def _uvicorn(app: FastAPI) -> uvicorn.Config:
         ws_max_size=MAX_MESSAGE_BYTES,
         timeout_graceful_shutdown=GRACE_S,
         server_header=False,
+        proxy_headers=False,
     )
 
 

@@ -20,8 +20,8 @@ PICTURE_RATE_HZ = 5.0
 MAX_PATH_POINTS = 2000
 POINT_SIZE_M = 0.012
 FRUSTUM_SCALE_M = 0.12
-BODY_RGB, HEAD_RGB = (62, 180, 137), (250, 190, 60)
-ESTIMATE_RGB, TRUTH_RGB = (80, 200, 255), (235, 110, 190)
+BODY_RGB, DARK_RGB, HEAD_RGB = (214, 150, 62), (160, 105, 40), (250, 205, 90)
+ESTIMATE_RGB, TRUTH_RGB = (69, 201, 181), (200, 208, 213)
 IDENTITY = (1.0, 0.0, 0.0, 0.0)
 
 
@@ -153,9 +153,7 @@ class Scene:
     def _add_robot(self, shape: RobotShape) -> viser.BatchedMeshHandle:
         vertices, faces = capsule_mesh(shape.joint_length_m, shape.radius_m)
         links = shape.joint_count + 1
-        colours = np.tile(np.array(BODY_RGB, dtype=np.uint8), (links, 1))
-        colours[1::2] = colours[1::2] * 3 // 4
-        colours[-1] = HEAD_RGB
+        colours = np.array([BODY_RGB if k % 2 else DARK_RGB for k in range(links - 1)] + [HEAD_RGB], dtype=np.uint8)
         return self._scene.add_batched_meshes_simple(
             "/robot",
             vertices,

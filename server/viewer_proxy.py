@@ -26,9 +26,10 @@ POLICY = (
     "img-src 'self' data: blob:; font-src data:; connect-src 'self' data: blob:; worker-src blob:; "
     "frame-ancestors 'self'"
 )
-# Its panel has nothing to offer here, and in a frame it would wait for the focus before it connects.
+# Its panel and its notices have nothing to offer here, and in a frame it would wait for the focus to connect.
 HEAD = (
-    "<style>[data-floating-window],[data-dock-region]{display:none!important}</style>"
+    "<style>[data-floating-window],[data-dock-region],.mantine-Paper-root,.mantine-Notifications-root"
+    "{display:none!important}</style>"
     "<script>document.hasFocus=()=>true</script></head>"
 )
 # Fields of viser's ViewerCameraMessage: how many numbers each one has (0: a bare one).
@@ -102,8 +103,11 @@ class ViewerProxy:
         return Response(text, page.status_code, {"Content-Security-Policy": POLICY}, "text/html; charset=utf-8")
 
     async def _socket(self, client: WebSocket) -> None:
-        if SUBPROTOCOL not in client.scope.get("subprotocols", []) or client.url.query:
-            await client.close(1002, "another viewer version is needed")
+        offered: list[str] = client.scope.get("subprotocols", [])
+        # A close code only reaches a client whose handshake was taken.
+        await client.accept(SUBPROTOCOL if SUBPROTOCOL in offered else next(iter(offered), None))
+        if SUBPROTOCOL not in offered or client.url.query:
+            await client.close(1002, "another viewer version or address is needed")
             return
         try:
             upstream = await unix_connect(
@@ -118,7 +122,6 @@ class ViewerProxy:
             await client.close(1013, "the viewer does not answer")
             return
         async with upstream:
-            await client.accept(SUBPROTOCOL)
             await _relay(client, upstream)
 
 

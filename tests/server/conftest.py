@@ -1,0 +1,27 @@
+"""Fixtures of the server's tests."""
+
+from collections.abc import Iterator
+
+import httpx
+import pytest
+
+from tests.server.running import START_S, Running, start, wait_for
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
+    """A server with a robot at rest."""
+    running = start(tmp_path_factory.mktemp("server"))
+    with running.client() as client:
+        wait_for(lambda: client.get("/api/v1/state").json()["session"] == "running", START_S)
+    yield running
+    assert running.stop() == 0
+
+
+@pytest.fixture
+def client(server: Running) -> Iterator[httpx.Client]:
+    """Signed in by token, and everything at rest."""
+    with server.client() as client:
+        client.post("/api/v1/estop/reset")
+        client.post("/api/v1/gait/stop")
+        yield client

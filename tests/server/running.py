@@ -1,0 +1,83 @@
+"""A real server in a process of its own, spoken to over HTTP like any user would."""
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import httpx
+
+CHECKOUT = Path(__file__).resolve().parents[2]
+TOKEN = "a-token-for-the-tests"
+START_S = 60.0
+
+
+@dataclass
+class Running:
+    """A started server; ``out`` is what it printed so far."""
+
+    process: subprocess.Popen[str]
+    folder: Path
+    url: str = ""
+    out: list[str] = field(default_factory=list)
+
+    def client(self, **options: Any) -> httpx.Client:
+        headers = {"Authorization": f"Bearer {TOKEN}", **options.pop("headers", {})}
+        return httpx.Client(base_url=self.url, headers=headers, timeout=20.0, **options)
+
+    def anonymous(self, **options: Any) -> httpx.Client:
+        return httpx.Client(base_url=self.url, timeout=20.0, **options)
+
+    @property
+    def websocket(self) -> str:
+        return self.url.replace("http://", "ws://")
+
+    def next_line(self) -> str:
+        assert self.process.stdout is not None
+        self.out.append(self.process.stdout.readline())
+        return self.out[-1]
+
+    def stop(self, number: int = signal.SIGTERM) -> int:
+        if self.process.poll() is None:
+            self.process.send_signal(number)
+        code = self.process.wait(20)
+        assert self.process.stdout is not None
+        self.process.stdout.close()
+        return code
+
+
+def wait_for(condition: Callable[[], Any], timeout_s: float = 20.0) -> Any:
+    """Return the first true value of ``condition``."""
+    until = time.monotonic() + timeout_s
+    while not (value := condition()):
+        assert time.monotonic() < until, "it did not happen in time"
+        time.sleep(0.05)
+    return value
+
+
+def start(folder: Path, robot: str = "still_robot", token: str | None = TOKEN, recordings: str = "") -> Running:
+    env = {key: value for key, value in os.environ.items() if key != "SNAKESLAM_TOKEN"}
+    env["PYTHONPATH"] = os.pathsep.join([str(CHECKOUT), *filter(None, [env.get("PYTHONPATH")])])
+    if token is not None:
+        env["SNAKESLAM_TOKEN"] = token
+    command = [
+        sys.executable,
+        "-m",
+        "tests.server.serve_still",
+        "0",
+        "127.0.0.1",
+        robot,
+        *([recordings] * bool(recordings)),
+    ]
+    process = subprocess.Popen(command, cwd=folder, env=env, stdout=subprocess.PIPE, text=True)
+    running = Running(process, folder)
+    while not (found := re.search(r"Open (http://[^/]+)/login", running.next_line())):
+        assert running.out[-1], "the server ended before it was ready"
+    running.url = found.group(1)
+    return running

@@ -1,0 +1,27 @@
+"""A real server around a fake robot: ``python -m tests.server.serve_still PORT HOST ROBOT [RECORDINGS]``."""
+
+import sys
+from pathlib import Path
+
+from server.main import serve
+from snakeslam.config import Config
+from snakeslam.errors import SnakeslamError
+from snakeslam.robot.model import RobotSettings
+from snakeslam.runtime.session import SessionSpec
+from tests.server import still_robot
+
+
+def main() -> int:
+    port, host, robot, *folders = sys.argv[1:]
+    config = Config(robot=RobotSettings(model="orthogonal24"))
+    spec = SessionSpec(config, build=getattr(still_robot, robot))
+    try:
+        serve(config, host=host, port=int(port), recordings=[Path(folder) for folder in folders], spec=spec)
+    except SnakeslamError as error:
+        sys.stderr.write(f"{error}\n")
+        return error.exit_code
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,98 @@
+"""A backend for the server's tests: a robot whose joints obey and whose head sees one picture, at rest."""
+
+import numpy as np
+
+from snakeslam.calibration import CameraCalibration, ImuCalibration, SensorRig
+from snakeslam.messages import CameraFrame, GroundTruth, ImuSample, JointState, JointTarget, Packet
+from snakeslam.robot.model import PRESETS, SnakeModel
+from snakeslam.runtime.session import SessionSpec
+
+STEP_NS = 10_000_000
+FRAME_EVERY = 5
+WIDTH, HEIGHT, FOCAL_PX = 160, 120, 120.0
+
+
+def _texture() -> np.ndarray:
+    rng = np.random.default_rng(7)
+    coarse = rng.integers(0, 255, (HEIGHT // 8, WIDTH // 8), dtype=np.uint8)
+    return np.kron(coarse, np.ones((8, 8), dtype=np.uint8))
+
+
+class StillRobot:
+    """See the module's docstring; ends after ``end_s``, fails at ``fail_s``."""
+
+    def __init__(self, end_s: float = np.inf, fail_s: float = np.inf) -> None:
+        self._model = PRESETS["orthogonal24"]
+        self._end_s, self._fail_s = end_s, fail_s
+        self._t_ns = 0
+        self._q_rad = np.zeros(self._model.joint_count)
+        self._truth: list[GroundTruth] = []
+        self._gray = _texture()
+        self.targets: list[JointTarget] = []
+
+    @property
+    def rig(self) -> SensorRig:
+        T_CI = tuple(tuple(row) for row in self._model.T_CI.tolist())
+        camera = CameraCalibration(
+            T_cam_imu=T_CI,
+            intrinsics=(FOCAL_PX, FOCAL_PX, WIDTH / 2.0, HEIGHT / 2.0),
+            resolution=(WIDTH, HEIGHT),
+            depth_scale=1000.0,
+        )
+        imu = ImuCalibration(
+            gyroscope_noise_density=1e-3,
+            gyroscope_random_walk=1e-5,
+            accelerometer_noise_density=1e-2,
+            accelerometer_random_walk=1e-4,
+            update_rate=100.0,
+        )
+        return SensorRig(cam0=camera, imu0=imu)
+
+    @property
+    def model(self) -> SnakeModel:
+        return self._model
+
+    @property
+    def t_ns(self) -> int:
+        return self._t_ns
+
+    def step(self, target: JointTarget | None) -> list[Packet] | None:
+        if self._t_ns * 1e-9 >= self._fail_s:
+            raise RuntimeError("the fake robot\nbroke")
+        if self._t_ns * 1e-9 >= self._end_s:
+            return None
+        if target is not None:
+            self.targets.append(target)
+            self._q_rad = target.q_rad
+        self._t_ns += STEP_NS
+        t_ns, zero = self._t_ns, np.zeros_like(self._q_rad)
+        self._truth.append(GroundTruth(t_ns, np.eye(4)))
+        packets: list[Packet] = [
+            ImuSample(t_ns, np.zeros(3), np.array([0.0, 0.0, 9.81])),
+            JointState(t_ns, self._q_rad, zero, zero, zero),
+        ]
+        seq, phase = divmod(t_ns // STEP_NS, FRAME_EVERY)
+        if phase == 0:
+            depth_m = np.full((HEIGHT, WIDTH), 1.0, dtype=np.float32)
+            rgb = np.repeat(self._gray[:, :, None], 3, axis=2)
+            packets.append(CameraFrame(t_ns, seq, self._gray, rgb, depth_m, exposure_ns=1_000_000))
+        return packets
+
+    def take_ground_truth(self) -> list[GroundTruth]:
+        truth, self._truth = self._truth, []
+        return truth
+
+    def close(self) -> None:
+        pass
+
+
+def still_robot(spec: SessionSpec) -> StillRobot:
+    return StillRobot()
+
+
+def breaking_robot(spec: SessionSpec) -> StillRobot:
+    return StillRobot(fail_s=0.3)
+
+
+def ending_robot(spec: SessionSpec) -> StillRobot:
+    return StillRobot(end_s=0.5)

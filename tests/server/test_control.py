@@ -1,0 +1,139 @@
+"""What the operator does over the API, with a real session behind it."""
+
+import httpx
+import pytest
+
+from tests.server.running import wait_for
+
+
+def state(client: httpx.Client) -> dict:
+    return client.get("/api/v1/state").json()
+
+
+def test_state_says_what_the_contract_promises(client: httpx.Client) -> None:
+    found = state(client)
+    keys = "source t_s moving estop gait robot estimator health realtime_factor session message"
+    assert set(found) == set(keys.split())
+    assert found["source"] == {"kind": "sim", "name": "simulator"}
+    assert found["robot"] == {"model": "orthogonal24", "joints": 24}
+    assert found["session"] == "running"
+    assert found["moving"] is False
+    later = wait_for(lambda: (now := state(client))["t_s"] > found["t_s"] + 0.2 and now)
+    assert later["realtime_factor"] is None or 0.2 < later["realtime_factor"] < 1.2
+
+
+def test_start_and_stop(client: httpx.Client) -> None:
+    assert client.post("/api/v1/gait/start").json()["moving"] is True
+    assert state(client)["gait"]["drive"] == 1.0
+    assert client.post("/api/v1/gait/stop").json()["moving"] is False
+
+
+def test_the_catalogue_has_the_five_gaits_with_ranges(client: httpx.Client) -> None:
+    catalogue = client.get("/api/v1/gait").json()["catalogue"]
+    assert [g["name"] for g in catalogue] == ["serpentine", "sidewinding", "arc_rolling", "helix_rolling", "pedal"]
+    for gait in catalogue:
+        for parameter in gait["parameters"]:
+            assert parameter["min"] <= parameter["default"] <= parameter["max"]
+
+
+def test_a_gait_is_set_without_moving(client: httpx.Client) -> None:
+    answer = client.put("/api/v1/gait", json={"name": "sidewinding", "period_s": 5.0, "turn": 0.5})
+    assert answer.status_code == 200
+    gait = answer.json()["gait"]
+    assert (gait["name"], gait["period_s"], gait["turn"], gait["drive"]) == ("sidewinding", 5.0, 0.5, 0.0)
+    assert answer.json()["moving"] is False
+    kept = client.put("/api/v1/gait", json={"name": "serpentine"}).json()["gait"]
+    assert (kept["period_s"], kept["turn"]) == (None, 0.5)
+    client.put("/api/v1/gait", json={"name": "serpentine", "turn": 0})
+
+
+@pytest.mark.parametrize(
+    ("body", "words"),
+    [
+        ({"name": "serpentine", "period_s": -1}, "period_s"),
+        ({"name": "serpentine", "period_s": "soon"}, "period_s"),
+        ({"name": "flying"}, "name"),
+        ({"name": "serpentine", "speed": 1}, "speed: unknown key"),
+        ({"period_s": 4}, "name"),
+        ({"name": "serpentine", "turn": 2}, "turn"),
+        ({"name": "arc_rolling", "amplitude_deg": 80, "period_s": 0.5}, "period_s"),
+        ([], "body"),
+    ],
+)
+def test_a_wrong_gait_gets_one_clear_line(client: httpx.Client, body: object, words: str) -> None:
+    before = state(client)["gait"]
+    answer = client.put("/api/v1/gait", json=body)
+    assert answer.status_code == 422
+    assert answer.headers["content-type"] == "application/problem+json"
+    assert words in answer.json()["detail"]
+    assert "\n" not in answer.json()["detail"]
+    assert state(client)["gait"] == before
+
+
+@pytest.mark.parametrize("text", ["{", "", '{"name": "serpentine", "period_s": NaN}', "\x00"])
+def test_broken_json_is_a_problem_too(client: httpx.Client, text: str) -> None:
+    answer = client.put("/api/v1/gait", content=text, headers={"Content-Type": "application/json"})
+    assert answer.status_code == 422
+    assert answer.headers["content-type"] == "application/problem+json"
+
+
+def test_the_estop_latches_and_its_reset_moves_nothing(client: httpx.Client) -> None:
+    client.post("/api/v1/gait/start")
+    stopped = client.post("/api/v1/estop", json={"reason": "a hand in the way"}).json()
+    assert stopped["estop"] == {"latched": True, "reason": "a hand in the way"}
+    assert stopped["moving"] is False
+    refused = client.post("/api/v1/gait/start")
+    assert refused.status_code == 409
+    assert "E-stop" in refused.json()["detail"]
+    again = client.post("/api/v1/estop").json()
+    assert again["estop"]["reason"] == "a hand in the way"
+    cleared = client.post("/api/v1/estop/reset").json()
+    assert cleared["estop"] == {"latched": False, "reason": None}
+    assert cleared["moving"] is False
+    assert client.post("/api/v1/gait/start").json()["moving"] is True
+
+
+def test_a_latched_estop_outlives_a_new_session(client: httpx.Client) -> None:
+    client.post("/api/v1/estop", json={"reason": "stay"})
+    assert client.post("/api/v1/sim/start").json()["estop"]["latched"] is True
+    wait_for(lambda: state(client)["session"] == "running", 60.0)
+    assert state(client)["estop"] == {"latched": True, "reason": "stay"}
+    assert client.post("/api/v1/gait/start").status_code == 409
+
+
+def test_unknown_settings_do_not_end_the_session(client: httpx.Client) -> None:
+    for overrides in ({"gait.speed": 1}, {"replay.calibration": "/etc/passwd"}, {"replay": 1}, {"a/../b": 1}):
+        answer = client.post("/api/v1/sim/start", json={"overrides": overrides})
+        assert answer.status_code == 422, overrides
+        assert next(iter(overrides)) in answer.json()["detail"]
+    assert state(client)["session"] == "running"
+
+
+def test_map_and_trajectory_grow(client: httpx.Client) -> None:
+    found = wait_for(lambda: (size := client.get("/api/v1/map").json())["points"] > 0 and size)
+    assert found["chunks"] >= 1
+    assert client.get("/api/v1/map.ply").content.startswith(b"ply")
+    paths = wait_for(lambda: len((rows := client.get("/api/v1/trajectory").json())["estimate"]) > 3 and rows)
+    assert all(len(row) == 4 for row in paths["estimate"])
+    # The robot stands still, and the truth was brought to the estimate.
+    assert max(abs(value) for row in paths["truth"] for value in row[1:]) < 0.05
+
+
+def test_what_is_not_there_is_a_problem(client: httpx.Client) -> None:
+    for path in ("/api/v1/nothing", "/api/nothing", "/api/v1/runs/ffff", "/api/v1/recordings/0/play"):
+        answer = client.post(path) if path.endswith("play") else client.get(path)
+        assert answer.status_code == 404, path
+        assert answer.headers["content-type"] == "application/problem+json"
+    assert client.delete("/api/v1/state").status_code == 405
+
+
+def test_docs_and_metrics(client: httpx.Client) -> None:
+    docs = client.get("/api/docs").text
+    schema = client.get("/api/openapi.json").json()
+    for path in ("/api/v1/gait", "/api/v1/estop", "/api/v1/runs/{run_id}"):
+        assert path in schema["paths"]
+        assert path in docs
+    assert "http://" not in docs
+    assert "https://" not in docs
+    metrics = client.get("/metrics").text
+    assert "snakeslam_realtime_factor" in metrics

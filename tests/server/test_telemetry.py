@@ -1,0 +1,106 @@
+"""The telemetry stream, as a page or a script gets it."""
+
+import json
+import socket
+import struct
+import time
+from itertools import pairwise
+
+import cv2
+import httpx
+import numpy as np
+from websockets.sync.client import ClientConnection, connect
+
+from tests.server.running import TOKEN, Running
+
+BEARER = {"Authorization": f"Bearer {TOKEN}"}
+
+
+def listen(server: Running, **options: object) -> ClientConnection:
+    url = f"{server.websocket}/api/v1/telemetry"
+    return connect(url, additional_headers=BEARER, **options)  # type: ignore[arg-type]
+
+
+def collect(stream: ClientConnection, seconds: float) -> list[str | bytes]:
+    found: list[str | bytes] = []
+    until = time.monotonic() + seconds
+    while (left := until - time.monotonic()) > 0:
+        try:
+            found.append(stream.recv(timeout=left))
+        except TimeoutError:
+            break
+    return found
+
+
+def texts(messages: list[str | bytes], kind: str) -> list[dict]:
+    return [m for m in map(json.loads, (m for m in messages if isinstance(m, str))) if m["type"] == kind]
+
+
+def test_state_comes_first_and_ticks_follow_at_no_more_than_20_hz(server: Running, client: httpx.Client) -> None:
+    with listen(server) as stream:
+        first = json.loads(stream.recv(timeout=5))
+        messages = collect(stream, 2.0)
+    assert first.pop("type") == "state"
+    assert set(first) == set(client.get("/api/v1/state").json())
+    ticks = texts(messages, "tick")
+    assert 4 < len(ticks) <= 42
+    assert all(a["t_s"] < b["t_s"] for a, b in pairwise(ticks))
+    tick = ticks[-1]
+    assert len(tick["q_target"]) == len(tick["q_measured"]) == 24
+    assert set(tick["head"]) == {"yaw_deg", "yaw_rate_deg_s", "sway_m"}
+    assert tick["map_points"] > 0
+    assert tick["error_m"] < 0.05
+
+
+def test_pictures_come_with_their_features(server: Running) -> None:
+    with listen(server) as stream:
+        pictures = [m for m in collect(stream, 1.5) if isinstance(m, bytes)]
+    assert len(pictures) > 2
+    assert pictures[-1][0] == 1
+    (length,) = struct.unpack_from("<I", pictures[-1], 1)
+    header = json.loads(pictures[-1][5 : 5 + length])
+    assert (header["width"], header["height"]) == (160, 120)
+    assert header["tracks"]
+    for x_px, y_px, inlier, _ in header["tracks"]:
+        assert -1 <= x_px <= 160
+        assert -1 <= y_px <= 120
+        assert inlier in (0, 1)
+    image = cv2.imdecode(np.frombuffer(pictures[-1][5 + length :], np.uint8), cv2.IMREAD_COLOR)
+    assert image is not None
+    assert image.shape == (120, 160, 3)
+
+
+def test_a_change_is_told_at_once(server: Running, client: httpx.Client) -> None:
+    with listen(server) as stream:
+        collect(stream, 0.3)
+        client.post("/api/v1/estop", json={"reason": "test"})
+        messages = collect(stream, 1.0)
+    assert any(state["estop"] == {"latched": True, "reason": "test"} for state in texts(messages, "state"))
+    events = texts(messages, "event")
+    assert any(event["level"] == "error" and "test" in event["text"] for event in events)
+
+
+def test_a_client_that_does_not_read_gets_the_newest_and_hurts_nobody(server: Running) -> None:
+    """Its socket fills up; the others keep their rate, and when it reads again it does not see the past replayed."""
+    slow = socket.create_connection(("127.0.0.1", int(server.url.rsplit(":", 1)[1])))
+    slow.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    key = (
+        "Upgrade: websocket\r\nConnection: Upgrade\r\nSec-WebSocket-Version: 13\r\nSec-WebSocket-Key: "
+        + "A" * 22
+        + "=="
+    )
+    host = server.url.removeprefix("http://")
+    slow.sendall(
+        f"GET /api/v1/telemetry HTTP/1.1\r\nHost: {host}\r\nAuthorization: Bearer {TOKEN}\r\n{key}\r\n\r\n".encode()
+    )
+    with slow, listen(server) as quick:
+        collect(quick, 1.0)
+        counts = [len(texts(collect(quick, 1.0), "tick")) for _ in range(2)]
+        assert min(counts) > 5
+
+
+def test_what_a_client_says_is_ignored(server: Running) -> None:
+    with listen(server) as stream:
+        stream.send("stop!")
+        stream.send(b"\x00" * 1000)
+        assert texts(collect(stream, 0.5), "tick")

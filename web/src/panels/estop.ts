@@ -79,7 +79,7 @@ export function listenForStopKeys(target: Window, app: App, estop: EStop): void 
     (event) => {
       const space = event.code === "Space" && !isTextField(event.target);
       if ((!space && event.key !== "Escape") || event.repeat) return;
-      const dialog = space ? null : document.querySelector<HTMLDialogElement>("dialog[open]");
+      const dialog = space ? null : document.querySelector<HTMLDialogElement>("dialog[open]:not(#signin)");
       dialog?.close();
       if (dialog && !app.state.get()?.moving) return;
       if (space) {

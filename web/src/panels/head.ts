@@ -9,7 +9,7 @@ import { Readout } from "./readout";
 export function mountHead(app: App): void {
   const yaw = new Readout({ id: "head-yaw", label: "Yaw", unit: "\u00b0", trend: new Sparkline(300, 10, true) });
   const rate = new Readout({ id: "head-rate", label: "Yaw rate", unit: "\u00b0/s", trend: new Sparkline(300, 10, true) });
-  const sway = new Readout({ id: "head-sway", label: "Sway, peak to peak", unit: "cm", trend: new Sparkline(300, 2) });
+  const sway = new Readout({ id: "head-sway", label: "Sway (p\u2013p)", unit: "cm", trend: new Sparkline(300, 2) });
   yaw.root.title = "Heading of the head against the direction of travel";
   rate.root.title = "How fast the head turns; fast turns blur the picture";
   sway.root.title = "Sideways motion of the head over the last seconds, peak to peak";

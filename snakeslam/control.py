@@ -33,6 +33,9 @@ class Control:
 
     def command(self, command: GaitCommand) -> None:
         """Take the operator's wish; InputError, and no change, where it cannot be done."""
+        for key, value in (("drive", command.drive), ("turn", command.turn)):
+            if not abs(value) <= 1.0:
+                raise InputError(f"gait.{key}", f"cannot be {value}", "-1 to 1")
         gait = resolve(self._settings(command), self._model, command.turn)
         self._drive = command.drive
         if gait != self._gait:

@@ -51,7 +51,10 @@ class Parameter:
 
 @dataclass(frozen=True, slots=True)
 class CatalogueEntry:
-    """One gait as the page shows it; ``turns`` says whether it can be steered, ``rolls`` whether the body rolls."""
+    """One gait as the page shows it.
+
+    ``turns``: it can be steered; ``rolls``: the body rolls; ``raises_head``: it bears a raised head.
+    """
 
     name: GaitName
     title: str
@@ -59,6 +62,7 @@ class CatalogueEntry:
     parameters: tuple[Parameter, ...]
     turns: bool
     rolls: bool = False
+    raises_head: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,6 +75,7 @@ class ResolvedGait:
     shape: ParametricGait
     omega: float
     rolls: bool
+    raises_head: bool
     start_sigma: float
 
 
@@ -116,10 +121,11 @@ CATALOGUE: dict[GaitName, CatalogueEntry] = {
         CatalogueEntry(
             "helix_rolling",
             "Helix rolling",
-            "Winds into a flat helix and rolls sideways, over obstacles too; it cannot turn.",
+            "Winds into a flat helix and rolls sideways, its head low; it cannot turn.",
             (_amplitude(17.2, 25.0), _wavelength(16.0), _PERIOD),
             turns=False,
             rolls=True,
+            raises_head=False,
         ),
         CatalogueEntry(
             "pedal",
@@ -169,7 +175,8 @@ def resolve(settings: GaitSettings, model: SnakeModel, turn: float = 0.0) -> Res
         shape = _turned(shape, settings.name, float(np.clip(turn, -1.0, 1.0)))
     omega = 2.0 * np.pi / value["period_s"]
     _check(shape, omega, model)
-    return ResolvedGait(settings.name, shape, omega, entry.rolls, np.pi / 2.0 if entry.rolls else 0.0)
+    start_sigma = np.pi / 2.0 if entry.rolls else 0.0
+    return ResolvedGait(settings.name, shape, omega, entry.rolls, entry.raises_head, start_sigma)
 
 
 def _shape(name: GaitName, amplitude: float, k: float) -> ParametricGait:

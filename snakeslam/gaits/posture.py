@@ -2,7 +2,8 @@
 
 For a body that does not roll, the upper three neck joints belong to the posture: pitch +22 deg, the yaw joint between
 frozen (it would roll the head), pitch -22 deg. A rolling body turns about its own axis by the gait's phase, so there
-the bend turns backwards in the body and stays upwards in the world; it takes two yaw joints as well.
+the bend turns backwards in the body and stays upwards in the world; it takes two yaw joints as well. It would trip a
+rolling helix, which keeps its head low.
 """
 
 import numpy as np
@@ -17,7 +18,7 @@ def posed_angles(gait: ResolvedGait, model: SnakeModel, sigma: float) -> tuple[F
     """Return the angles (N,) rad at phase ``sigma`` and their slope d/d(sigma), the head held as the model says."""
     q_rad = joint_angles(gait.shape, model.joint_count, sigma)
     slope = joint_slopes(gait.shape, model.joint_count, sigma)
-    if model.head_posture == "flat":
+    if model.head_posture == "flat" or not gait.raises_head:
         return q_rad, slope
     if gait.rolls:
         _raise_rolling(q_rad, slope, model, sigma - gait.start_sigma)

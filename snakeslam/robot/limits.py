@@ -45,7 +45,7 @@ class LimitedFollower:
         target = np.clip(target_rad, -limits.position_rad, limits.position_rad)
         target_rate = (target - self._target_rad) / dt_s
         gap = target - self._q_rad - target_rate * dt_s
-        approach = np.minimum(np.abs(gap) / dt_s, np.sqrt(2.0 * limits.acceleration_rad_s2 * np.abs(gap)))
+        approach = self._stoppable_rate(np.abs(gap), dt_s)
         rate = np.clip(target_rate + np.sign(gap) * approach, -self._rate_down(dt_s), self._rate_up(dt_s))
         step = limits.acceleration_rad_s2 * dt_s
         rate = np.clip(rate, self._dq_rad_s - step, self._dq_rad_s + step)

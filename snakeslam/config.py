@@ -14,6 +14,7 @@ from snakeslam.errors import InputError, NotBuiltError
 from snakeslam.estimation.settings import EstimatorSettings
 from snakeslam.gaits.catalogue import GaitSettings
 from snakeslam.head.settings import HeadSettings
+from snakeslam.mapping.settings import MappingSettings
 from snakeslam.recording.settings import ReplaySettings
 from snakeslam.robot.model import RobotSettings
 from snakeslam.settings import Settings
@@ -45,6 +46,7 @@ class Config(Settings):
     gait: GaitSettings = GaitSettings()
     head: HeadSettings = HeadSettings()
     estimator: EstimatorSettings = EstimatorSettings()
+    mapping: MappingSettings = MappingSettings()
     replay: ReplaySettings = ReplaySettings()
     recording: RecordingSettings = RecordingSettings()
     run: RunSettings = RunSettings()

@@ -1,0 +1,1 @@
+"""Keyframe chunks of coloured points, and their export."""

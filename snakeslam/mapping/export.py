@@ -1,0 +1,39 @@
+"""The map as a file that other programs read."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from snakeslam.geometry import se3
+from snakeslam.messages import MapChunk
+
+VERTEX = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("red", "u1"), ("green", "u1"), ("blue", "u1")])
+PLY_NAMES = {"<f4": "float", "|u1": "uchar"}
+
+
+def write_ply(path: Path, chunks: Sequence[MapChunk]) -> None:
+    """Write all points in W (m) with their colours as a binary little-endian PLY [Turk94]; an empty map is allowed."""
+    vertices = np.concatenate([_vertices(chunk) for chunk in chunks] or [np.empty(0, VERTEX)])
+    properties = [f"property {PLY_NAMES[VERTEX[name].str]} {name}" for name in VERTEX.names or ()]
+    header = [
+        "ply",
+        "format binary_little_endian 1.0",
+        f"element vertex {len(vertices)}",
+        *properties,
+        "end_header",
+        "",
+    ]
+    part = path.with_name(f".{path.name}.part")
+    part.write_bytes("\n".join(header).encode() + vertices.tobytes())
+    part.replace(path)
+
+
+def _vertices(chunk: MapChunk) -> np.ndarray[tuple[int], np.dtype[np.void]]:
+    points_W = se3.act(chunk.T_WK, chunk.points_K.astype(np.float64))
+    out = np.empty(len(points_W), VERTEX)
+    for axis, name in enumerate("xyz"):
+        out[name] = points_W[:, axis]
+    for channel, name in enumerate(("red", "green", "blue")):
+        out[name] = chunk.rgb[:, channel]
+    return out

@@ -1,0 +1,48 @@
+"""Which frames become keyframes, and the chunk that each one adds to the map."""
+
+import numpy as np
+
+from snakeslam.calibration import CameraCalibration
+from snakeslam.estimation.camera import PinholeCamera
+from snakeslam.geometry import so3
+from snakeslam.mapping.chunks import chunk_points
+from snakeslam.mapping.settings import MappingSettings
+from snakeslam.messages import CameraFrame, Float, MapChunk
+
+
+class KeyframeMapper:
+    """Takes frames with their poses; gives a chunk where the view is new."""
+
+    def __init__(self, settings: MappingSettings, calibration: CameraCalibration) -> None:
+        self._settings = settings
+        self._camera = PinholeCamera(calibration)
+        self._Ts_WK: list[Float] = []
+        self._last: tuple[int, Float] | None = None
+
+    def update(self, frame: CameraFrame, T_WC: Float) -> tuple[MapChunk, ...]:
+        """Return the new chunk of a frame, or nothing where the map has the view already or the picture is blurred."""
+        blurred = self._turns_fast(frame.t_ns, T_WC)
+        if frame.depth_m is None or blurred or not self._is_new(T_WC):
+            return ()
+        points_K, rgb = chunk_points(frame, self._camera, self._settings)
+        self._Ts_WK.append(T_WC)
+        if not len(points_K):
+            return ()
+        return (MapChunk(len(self._Ts_WK) - 1, 0, T_WC, points_K, rgb),)
+
+    def _turns_fast(self, t_ns: int, T_WC: Float) -> bool:
+        last, self._last = self._last, (t_ns, T_WC)
+        if last is None or t_ns <= last[0]:
+            return False
+        angle_rad = np.linalg.norm(so3.log(last[1][:3, :3].T @ T_WC[:3, :3]))
+        return bool(np.rad2deg(angle_rad) > self._settings.max_rate_deg_s * (t_ns - last[0]) / 1e9)
+
+    def _is_new(self, T_WC: Float) -> bool:
+        """Whether no keyframe is both near and turned the same way."""
+        if not self._Ts_WK:
+            return True
+        Ts_WK = np.stack(self._Ts_WK)
+        far = np.linalg.norm(Ts_WK[:, :3, 3] - T_WC[:3, 3], axis=-1) > self._settings.keyframe_distance_m
+        cosine = (np.einsum("nij,ij->n", Ts_WK[:, :3, :3], T_WC[:3, :3]) - 1.0) / 2.0
+        turned = np.arccos(np.clip(cosine, -1.0, 1.0)) > np.deg2rad(self._settings.keyframe_angle_deg)
+        return bool(np.all(far | turned))

@@ -33,6 +33,8 @@ export function mountNotices(app: App): void {
   const close = h("button", { class: "text-button", type: "button", onclick: () => (box.hidden = true) }, "Dismiss");
   box.append(text, close);
   let timer = 0;
+  // What could not be done while the link was down is no news once it is back.
+  app.opened.on(() => (box.hidden = true));
   app.notice.on((notice) => {
     window.clearTimeout(timer);
     box.hidden = notice === null;

@@ -31,14 +31,16 @@ export class EStop {
   }
 
   private async sendUntilConfirmed(reason: string): Promise<void> {
-    for (let attempt = 1; ; attempt++) {
+    for (;;) {
       try {
         await api.estop(reason);
         break;
       } catch (error) {
-        this.app.report(error);
-        // A refusal that will not change (signed out, nothing to stop) is shown, not repeated for ever.
-        if (error instanceof ApiError && error.status >= 400 && error.status < 500) break;
+        // A refusal that will not change (signed out) is shown, not repeated for ever.
+        if (!(error instanceof ApiError) || (error.status >= 400 && error.status < 500)) {
+          this.app.report(error);
+          break;
+        }
         await new Promise((resolve) => setTimeout(resolve, RETRY_MS));
       }
     }

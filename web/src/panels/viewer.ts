@@ -27,7 +27,10 @@ export function mountViewer(app: App, onWindow: (frame: Window) => void): void {
     else setText(words, state?.message ?? "Starting ...");
   });
   const points = byId("map-points");
-  app.tick.on((tick) => setText(points, count(tick.map_points)));
+  app.tick.on((tick) => {
+    setText(points, count(tick.map_points));
+    points.dataset["count"] = String(tick.map_points);
+  });
 }
 
 /** Load the viewer again, after signing in. */

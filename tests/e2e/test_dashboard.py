@@ -1,0 +1,239 @@
+"""The page in real Chromium, over the real server and the real simulator."""
+
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+from playwright.sync_api import Page, expect
+from websockets.sync.client import connect
+
+from tests.conftest import CHECKOUT
+from tests.e2e.conftest import Dashboard
+from tests.e2e.watching import (
+    canvas_pixels,
+    colourful_pixels,
+    drawn_points,
+    poll,
+    screenshot_rgb,
+    viewer_frame,
+)
+from tests.server.running import TOKEN, wait_for
+
+pytestmark = pytest.mark.browser
+RUN_TIMEOUT_S = 120.0
+
+
+@pytest.fixture
+def page(dashboard: Dashboard) -> Page:
+    return dashboard.page
+
+
+@pytest.fixture
+def client(dashboard: Dashboard) -> Iterator[httpx.Client]:
+    with dashboard.server.client() as client:
+        yield client
+
+
+@pytest.fixture
+def crawling(client: httpx.Client) -> None:
+    """The simulator runs, nothing is latched, the serpentine gait moves."""
+    if state(client)["source"]["kind"] != "sim":
+        client.post("/api/v1/sim/start", json={}).raise_for_status()
+        wait_for(lambda: state(client)["session"] == "running", 60)
+    client.post("/api/v1/estop/reset").raise_for_status()
+    client.put("/api/v1/gait", json={"name": "serpentine"}).raise_for_status()
+    client.post("/api/v1/gait/start").raise_for_status()
+
+
+def state(client: httpx.Client) -> dict[str, Any]:
+    return client.get("/api/v1/state").json()
+
+
+def measured_joints(dashboard: Dashboard, seconds: float) -> np.ndarray:
+    """Measured joint angles over some simulated time, (ticks, joints) rad."""
+    headers = {"Authorization": f"Bearer {TOKEN}"}
+    rows: list[list[float]] = []
+    first = None
+    with connect(f"{dashboard.server.websocket}/api/v1/telemetry", additional_headers=headers) as socket:
+        while True:
+            raw = socket.recv(timeout=20)
+            message = json.loads(raw) if isinstance(raw, str) else {}
+            if message.get("type") != "tick":
+                continue
+            first = message["t_s"] if first is None else first
+            rows.append(message["q_measured"])
+            if message["t_s"] - first >= seconds:
+                return np.array(rows)
+
+
+def test_the_printed_url_signs_in_once(dashboard: Dashboard) -> None:
+    expect(dashboard.page.locator("#link-state")).to_contain_text("Live")
+    expect(dashboard.page.locator("#signin")).to_be_hidden()
+    with dashboard.server.anonymous() as stranger:
+        stranger.get(dashboard.login_url)
+        assert stranger.get("/api/v1/state").status_code == 401
+
+
+@pytest.mark.usefixtures("crawling")
+def test_the_camera_picture_lives(page: Page) -> None:
+    picture = page.locator("#camera-picture")
+    first = poll(lambda: canvas_pixels(picture), lambda rgba: rgba[:, :3].std() > 5, "a camera picture")
+    poll(
+        lambda: canvas_pixels(picture),
+        lambda rgba: rgba.shape == first.shape and np.mean(rgba != first) > 0.05,
+        "another camera picture",
+    )
+    overlay = page.locator("#camera-overlay")
+    poll(lambda: np.count_nonzero(canvas_pixels(overlay)[:, 3]), lambda n: n > 50, "tracked features on the picture")
+    page.locator("#features-toggle").press("Enter")
+    poll(lambda: np.count_nonzero(canvas_pixels(overlay)[:, 3]), lambda n: n == 0, "features switched off")
+    page.locator("#features-toggle").press("Enter")
+
+
+@pytest.mark.usefixtures("crawling")
+def test_the_3d_view_draws_a_growing_map(page: Page) -> None:
+    points = page.locator("#map-points")
+    first = poll(lambda: int(points.get_attribute("data-count") or 0), lambda n: n > 0, "map points")
+    poll(lambda: int(points.get_attribute("data-count") or 0), lambda n: n > first, "more map points")
+    frame = viewer_frame(page)
+    poll(lambda: drawn_points(frame), lambda n: n > 0, "points drawn by WebGL")
+    upper = screenshot_rgb(page.locator("#viewer"))[:-60]
+    colours = np.unique(upper.reshape(-1, 3) // 16, axis=0)
+    assert len(colours) > 20, "the 3D view is nearly one colour"
+
+
+@pytest.mark.usefixtures("crawling")
+def test_joint_curves_are_drawn_and_move(page: Page) -> None:
+    curves = page.locator("#joint-plot canvas").first
+    poll(lambda: colourful_pixels(canvas_pixels(curves)), lambda n: n > 100, "joint curves")
+    before = canvas_pixels(curves)
+    poll(
+        lambda: canvas_pixels(curves),
+        lambda now: now.shape == before.shape and np.any(now != before),
+        "curves that move on",
+    )
+    chips = page.locator(".joint-chip")
+    shown = chips.count()
+    page.locator(".picker summary").click()
+    page.locator('.joint[data-joint="2"]').click()
+    expect(chips).to_have_count(shown + 1)
+    page.locator(".joint-chip", has_text="J2").last.click()
+    page.locator(".picker summary").click()
+
+
+@pytest.mark.usefixtures("crawling")
+def test_a_gait_is_picked_and_set(page: Page, client: httpx.Client) -> None:
+    page.locator('[data-gait="sidewinding"]').click()
+    expect(page.locator('[data-gait="sidewinding"]')).to_have_attribute("aria-pressed", "true")
+    assert state(client)["gait"]["name"] == "sidewinding"
+    period = page.locator("#parameter-period_s")
+    period.fill("6.5")
+    page.locator("#gait-apply").click()
+    poll(lambda: state(client)["gait"], lambda gait: gait["period_s"] == 6.5, "the period applied")
+    period.fill("1000")
+    expect(page.locator("#gait-apply")).to_be_disabled()
+    page.locator("#gait-defaults").click()
+    page.locator("#stop").click()
+    expect(page.locator("#session-state")).to_have_text("At rest")
+    assert not state(client)["moving"]
+    page.locator("#start").click()
+    expect(page.locator("#session-state")).to_have_text("Moving")
+
+
+@pytest.mark.usefixtures("crawling")
+@pytest.mark.parametrize("way", ["button", "Space", "Escape"])
+def test_the_emergency_stop_latches(dashboard: Dashboard, client: httpx.Client, way: str) -> None:
+    page = dashboard.page
+    expect(page.locator("#stop")).to_be_enabled()
+    if way == "button":
+        page.locator("#estop").click()
+    else:
+        page.locator("#stop").focus()
+        page.keyboard.press(way)
+    expect(page.locator("#estop-reset")).to_be_visible()
+    expect(page.locator("#estop-banner")).to_contain_text("latched")
+    expect(page.locator("#start")).to_be_disabled()
+    assert state(client)["estop"]["latched"]
+    if way != "button":
+        client.post("/api/v1/estop/reset")
+        return
+    measured_joints(dashboard, 0.5)  # The ramp to a hold.
+    assert np.ptp(measured_joints(dashboard, 0.5), axis=0).max() < np.deg2rad(1.0)
+    page.locator("#estop-reset").click()
+    expect(page.locator("#estop-banner")).to_be_hidden()
+    assert np.ptp(measured_joints(dashboard, 0.5), axis=0).max() < np.deg2rad(1.0), "the reset moved the robot"
+    assert not state(client)["moving"]
+    page.locator("#start").click()
+    expect(page.locator("#session-state")).to_have_text("Moving")
+
+
+@pytest.mark.usefixtures("crawling")
+def test_a_run_beside_the_live_view_equals_the_command_line(page: Page, client: httpx.Client, tmp_path: Path) -> None:
+    request = {"config": "sim", "overrides": {"gait.alpha_pi": 0.1}, "seed": 7, "duration_s": 3.0}
+    answer = client.post("/api/v1/runs", json=request)
+    assert answer.status_code == 202
+    run = answer.json()["id"]
+    sequences: list[int] = []
+
+    def watch() -> dict[str, Any]:
+        sequences.append(int(page.locator("#camera-picture").get_attribute("data-seq") or 0))
+        return client.get(f"/api/v1/runs/{run}").json()
+
+    ended = poll(watch, lambda r: r["state"] not in ("queued", "running"), "the run's end", RUN_TIMEOUT_S)
+    assert ended["state"] == "done", ended["error"]
+    standing = longest_standstill(sequences)
+    assert standing <= 20, f"the picture stood still for {standing} looks of 0.1 s and more"
+    by_page = client.get(f"/api/v1/runs/{run}/artifacts/estimate.tum").raise_for_status().content
+    assert by_page == estimate_of_command_line(tmp_path, request)
+    page.locator("#tab-runs").click()
+    row = page.locator(f'[data-run="{run}"]')
+    expect(row).to_have_attribute("data-state", "done")
+    expect(row.get_by_role("link", name="estimate.tum")).to_be_visible()
+    page.locator("#tab-joints").click()
+
+
+def longest_standstill(sequences: list[int]) -> int:
+    longest = current = 0
+    for before, after in pairwise(sequences):
+        current = current + 1 if after == before else 0
+        longest = max(longest, current)
+    return longest
+
+
+def estimate_of_command_line(folder: Path, request: dict[str, Any]) -> bytes:
+    sets = [f"--set={key}={value}" for key, value in request["overrides"].items()]
+    ends = ["--seed", str(request["seed"]), "--duration", str(request["duration_s"]), "--out", str(folder / "run")]
+    command = [sys.executable, "-m", "snakeslam", "run", str(CHECKOUT / "configs" / "sim.yaml"), *sets, *ends, "--json"]
+    subprocess.run(command, check=True, capture_output=True, timeout=RUN_TIMEOUT_S, env=os.environ)
+    return (folder / "run" / "estimate.tum").read_bytes()
+
+
+def test_a_recording_is_chosen_and_plays(page: Page, client: httpx.Client, shared_data: Path) -> None:
+    page.locator("#source").click()
+    page.locator('[data-recording="euroc_v101_moving"]').get_by_role("button").click()
+    poll(lambda: state(client)["source"]["kind"], lambda kind: kind == "recording", "the recording's session")
+    expect(page.locator("#source")).to_contain_text("euroc_v101_moving")
+    expect(page.locator("#drive-note")).to_contain_text("no robot to drive", timeout=60_000)
+    expect(page.locator("#start")).to_be_disabled()
+    expect(page.locator("#estop")).to_be_enabled()
+    picture = page.locator("#camera-picture")
+    poll(lambda: picture.evaluate("c => c.width"), lambda width: width == 752, "the recording's picture")
+    poll(lambda: page.locator("#verdict").inner_text(), lambda word: word in ("Good", "Degraded"), "a tracked pose")
+    expect(page.locator("#session-state")).to_have_text("Ended", timeout=60_000)
+    page.locator("#source").click()
+    page.locator("#sim-start").click()
+    expect(page.locator("#source")).to_contain_text("Simulator")
+    poll(lambda: state(client)["session"], lambda session: session == "running", "the simulator again")
+
+
+def test_the_page_asks_nobody_else_and_has_no_errors(dashboard: Dashboard) -> None:
+    assert dashboard.complaints.outside == []
+    assert dashboard.complaints.errors == []

@@ -1,0 +1,84 @@
+"""What a test sees of the page: pixels, numbers, and what the browser complained of."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
+from urllib.parse import urlsplit
+
+import cv2
+import numpy as np
+from playwright.sync_api import ConsoleMessage, Error, Frame, Locator, Page, Request
+
+T = TypeVar("T")
+DRAW_S = 40.0
+
+PIXELS = """canvas => {
+    const {width, height} = canvas;
+    const data = canvas.getContext('2d').getImageData(0, 0, width, height).data;
+    return {width, height, data: Array.from(data.filter((_, i) => Math.floor(i / 4) % 7 === 0))};
+}"""
+
+
+def poll(look: Callable[[], T], accept: Callable[[T], Any], what: str, timeout_s: float = DRAW_S) -> T:
+    """Return the first seen value that is accepted; say what was waited for when none is."""
+    until = time.monotonic() + timeout_s
+    while not accept(seen := look()):
+        assert time.monotonic() < until, f"{what}: not within {timeout_s:g} s, last seen {str(seen)[:200]}"
+        time.sleep(0.1)
+    return seen
+
+
+def canvas_pixels(canvas: Locator) -> np.ndarray:
+    """Every seventh pixel of a 2D canvas, (K, 4) uint8 RGBA."""
+    return np.array(canvas.evaluate(PIXELS)["data"], dtype=np.uint8).reshape(-1, 4)
+
+
+def screenshot_rgb(locator: Locator) -> np.ndarray:
+    """What the screen shows of an element, (H, W, 3) uint8."""
+    png = np.frombuffer(locator.screenshot(), dtype=np.uint8)
+    return cv2.cvtColor(cv2.imdecode(png, cv2.IMREAD_COLOR), cv2.COLOR_BGR2RGB)
+
+
+def colourful_pixels(rgba: np.ndarray) -> int:
+    """How many pixels are drawn in a colour, as curves are and axes are not."""
+    rgb = rgba[:, :3].astype(int)
+    return int(np.count_nonzero((rgba[:, 3] > 100) & (rgb.max(1) - rgb.min(1) > 60)))
+
+
+def viewer_frame(page: Page) -> Frame:
+    """The frame of the 3D view, once it is there."""
+    frames = poll(lambda: [f for f in page.frames if "/viewer" in f.url], bool, "the 3D view's frame")
+    return frames[0]
+
+
+def drawn_points(frame: Frame) -> int:
+    """How many points WebGL has drawn in the last picture of the 3D view."""
+    return frame.evaluate("() => window.__viserTestpoints?.rendererInfo?.render?.points ?? 0")
+
+
+@dataclass
+class Complaints:
+    """Errors of the page's own scripts, and requests to anywhere but its server."""
+
+    errors: list[str] = field(default_factory=list)
+    outside: list[str] = field(default_factory=list)
+
+    def watch(self, page: Page, host: str) -> None:
+        def on_error(error: Error) -> None:
+            # viser probes for eval, which its policy forbids, and goes on without.
+            if "unsafe-eval" not in str(error):
+                self.errors.append(str(error))
+
+        def on_console(message: ConsoleMessage) -> None:
+            if message.type == "error" and "/viewer" not in str(message.location.get("url", "")):
+                self.errors.append(message.text)
+
+        def on_request(request: Request) -> None:
+            parts = urlsplit(request.url)
+            if parts.scheme not in ("data", "blob") and parts.netloc != host:
+                self.outside.append(request.url)
+
+        page.on("pageerror", on_error)
+        page.on("console", on_console)
+        page.on("request", on_request)

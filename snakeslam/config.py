@@ -10,6 +10,7 @@ import yaml
 from pydantic import Field, ValidationError
 from pydantic_core import ErrorDetails
 
+from snakeslam.backends.sim.settings import SimSettings
 from snakeslam.errors import InputError, NotBuiltError
 from snakeslam.estimation.settings import EstimatorSettings
 from snakeslam.gaits.catalogue import GaitSettings
@@ -47,6 +48,7 @@ class Config(Settings):
     head: HeadSettings = HeadSettings()
     estimator: EstimatorSettings = EstimatorSettings()
     mapping: MappingSettings = MappingSettings()
+    sim: SimSettings = SimSettings()
     replay: ReplaySettings = ReplaySettings()
     recording: RecordingSettings = RecordingSettings()
     run: RunSettings = RunSettings()

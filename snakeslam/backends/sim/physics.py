@@ -6,38 +6,19 @@ from typing import Any
 
 import numpy as np
 import pybullet
-from pydantic import Field
 
 from snakeslam.backends.sim.friction import CoulombFriction, cross
+from snakeslam.backends.sim.settings import PhysicsSettings
 from snakeslam.errors import BackendError
 from snakeslam.geometry import se3, so3
 from snakeslam.messages import Float
 from snakeslam.robot import kinematics
 from snakeslam.robot.model import SnakeModel
-from snakeslam.settings import Settings
 
 GRAVITY_M_S2 = 9.81
 FRICTION_MEMORY = 0.5
 """Share of the past in the velocity that friction sees, a lag of one step. An explicit force on the present velocity
 makes the rolling of the whole body chatter once mu N dt / (eps m_eff) > 2 (2.2 at 400 Hz); with this, only beyond 6."""
-
-
-class PhysicsSettings(Settings):
-    """How the rigid bodies, contacts and servos are stepped."""
-
-    rate_hz: int = Field(default=400, ge=200, le=4800)
-    """Physics steps per second; 200 loses the sidewinding gait, 480 and more agree to a few per cent."""
-    solver_iterations: int = Field(default=12, ge=1, le=500)
-    friction_normal: float = Field(default=0.6, gt=0, le=5)
-    """Coulomb coefficient across the body."""
-    friction_slip_m_s: float = Field(default=0.02, gt=0, le=1)
-    """Speed below which friction grows linearly."""
-    servo_lag_s: float = Field(default=0.03, ge=0, le=1)
-    """Time constant of the servo's answer to a command."""
-    servo_reach_rad: float = Field(default=0.15, gt=0, le=3.2)
-    """The command is clipped to this much from the measured angle, so that a blocked joint does not wind up."""
-    servo_position_gain: float = Field(default=0.2, gt=0, le=1)
-    servo_velocity_gain: float = Field(default=1.0, gt=0, le=1)
 
 
 class SnakePhysics:
@@ -69,7 +50,7 @@ class SnakePhysics:
         self._configure()
         self._body_id = self._load_snake(lying_pose(model) if T_W_base is None else T_W_base, q_rad)
         self._joints = list(range(model.joint_count))
-        self._servo_rad = self._target_rad = q_rad.copy()
+        self._servo_rad = self._smooth_rad = self._target_rad = q_rad.copy()
         self._slow_twist_W = np.zeros((model.link_count, 6))
         self._read()
 
@@ -158,11 +139,15 @@ class SnakePhysics:
         return body
 
     def _drive_servos(self) -> None:
-        """Follow the command with a first-order lag at a limited rate, in reach of the measured angle."""
+        """Follow the command with a lag at a limited rate, in reach of the measured angle.
+
+        The second filter keeps the steps of a command that comes at 100 Hz out of the rate, and so out of the IMU.
+        """
         settings, limits = self.settings, self.model.limits
-        blend = self.dt_s / (settings.servo_lag_s + self.dt_s)
+        blend = self.dt_s / (0.5 * settings.servo_lag_s + self.dt_s)
         largest_step = limits.rate_rad_s * self.dt_s
-        step = np.clip(blend * (self._target_rad - self._servo_rad), -largest_step, largest_step)
+        self._smooth_rad = self._smooth_rad + blend * (self._target_rad - self._smooth_rad)
+        step = np.clip(blend * (self._smooth_rad - self._servo_rad), -largest_step, largest_step)
         wanted = self._servo_rad + step
         reach = settings.servo_reach_rad
         self._servo_rad = np.clip(wanted, self._q_rad - reach, self._q_rad + reach)

@@ -151,6 +151,9 @@ class Runs:
         for run in self._runs.values():
             await self.cancel(run)
 
+    def _command(self, run: Run) -> tuple[str, ...]:
+        return sys.executable, "-m", "server.run_child", *run.arguments()
+
     async def _work(self) -> None:
         while True:
             run = await self._waiting.get()
@@ -159,9 +162,10 @@ class Runs:
 
     async def _execute(self, run: Run) -> None:
         run.state = "running"
-        command = (sys.executable, "-m", "server.run_child", *run.arguments())
         pipe = asyncio.subprocess.PIPE
-        run.process = process = await asyncio.create_subprocess_exec(*command, stdin=pipe, stdout=pipe, stderr=pipe)
+        run.process = process = await asyncio.create_subprocess_exec(
+            *self._command(run), stdin=pipe, stdout=pipe, stderr=pipe
+        )
         if run.cancelled:  # While the process was being made.
             await _end(process)
         assert process.stdout is not None

@@ -8,11 +8,12 @@ import numpy as np
 from snakeslam.backends.base import Backend
 from snakeslam.calibration import SensorRig
 from snakeslam.messages import Float, GroundTruth, JointTarget, Packet
-from snakeslam.robot.limits import JointLimits
+from snakeslam.robot.limits import JointLimits, LimitedFollower
 from snakeslam.robot.model import SnakeModel
 
 STEP_S = 0.01
 RESUME_S = 2.0
+ARRIVED_RAD = 1e-6
 
 
 class _Phase(Enum):
@@ -35,6 +36,7 @@ class Guard:
         self._q_rad: Float | None = None
         self._dq_rad_s: Float | None = None
         self._offset_rad: Float | None = None
+        self._follower: LimitedFollower | None = None
         self._resumed_s = 0.0
 
     @property
@@ -59,7 +61,7 @@ class Guard:
     def resume(self) -> None:
         """Follow control again; nothing while latched."""
         if self._reason is None and self._phase is _Phase.HOLD:
-            self._phase, self._offset_rad, self._resumed_s = _Phase.RESUME, None, 0.0
+            self._phase, self._follower, self._resumed_s = _Phase.RESUME, None, 0.0
 
     def step(self, target: JointTarget) -> JointTarget:
         """Return what the robot gets instead of ``target``, one control period (10 ms) later than the last."""
@@ -82,16 +84,15 @@ class Guard:
         return np.clip(held, -self._limits.position_rad, self._limits.position_rad)
 
     def _blend(self, q_rad: Float, asked_rad: Float) -> Float:
-        """Let the difference between the held and the asked posture fade over RESUME_S."""
-        if self._offset_rad is None:
-            self._offset_rad = q_rad - asked_rad
+        """Let the difference between the held and the asked posture fade over RESUME_S, within the limits."""
+        if self._follower is None or self._offset_rad is None:
+            self._offset_rad, self._follower = q_rad - asked_rad, LimitedFollower(self._limits, q_rad)
         self._resumed_s += STEP_S
         s = min(self._resumed_s / RESUME_S, 1.0)
-        if s >= 1.0:
+        q = self._follower.step(asked_rad + self._offset_rad * (1.0 - s * s * (3.0 - 2.0 * s)), STEP_S)
+        if s >= 1.0 and np.allclose(q, asked_rad, rtol=0.0, atol=ARRIVED_RAD):
             self._phase = _Phase.FOLLOW
-        step = self._limits.rate_rad_s * STEP_S
-        wanted = asked_rad + self._offset_rad * (1.0 - s * s * (3.0 - 2.0 * s))
-        return np.clip(wanted, q_rad - step, q_rad + step)
+        return q
 
 
 class GuardedBackend:

@@ -96,20 +96,21 @@ class Session:
             self._autostart_ns = None
             self._command(moving=False)
         self._done += 1
-        self._tick()
+        self.report()
 
     def step(self) -> float | None:
         """Advance one step; return the seconds to wait for real time, None at the end."""
         if self._autostart_ns is not None and self.backend.t_ns >= self._autostart_ns:
             self._start()
         if not self._loop.step():
-            self._tick()
+            self.report()
             return None
         if self._sink.due():
-            self._tick()
+            self.report()
         return self._pacer.wait_s(self.backend.t_ns)
 
-    def _tick(self) -> None:
+    def report(self) -> None:
+        """Send a tick now."""
         self._sink.tick(
             t_ns=self.backend.t_ns,
             commands_done=self._done,

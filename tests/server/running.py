@@ -61,20 +61,13 @@ def wait_for(condition: Callable[[], Any], timeout_s: float = 20.0) -> Any:
     return value
 
 
-def start(folder: Path, robot: str = "still_robot", token: str | None = TOKEN, recordings: str = "") -> Running:
+def start(folder: Path, token: str | None = TOKEN, recordings: str = "") -> Running:
     env = {key: value for key, value in os.environ.items() if key != "SNAKESLAM_TOKEN"}
     env["PYTHONPATH"] = os.pathsep.join([str(CHECKOUT), *filter(None, [env.get("PYTHONPATH")])])
     if token is not None:
         env["SNAKESLAM_TOKEN"] = token
-    command = [
-        sys.executable,
-        "-m",
-        "tests.server.serve_still",
-        "0",
-        "127.0.0.1",
-        robot,
-        *([recordings] * bool(recordings)),
-    ]
+    folders = [recordings] if recordings else []
+    command = [sys.executable, "-m", "tests.server.serve_still", "0", "127.0.0.1", *folders]
     process = subprocess.Popen(command, cwd=folder, env=env, stdout=subprocess.PIPE, text=True)
     running = Running(process, folder)
     while not (found := re.search(r"Open (http://[^/]+)/login", running.next_line())):

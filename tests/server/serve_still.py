@@ -1,20 +1,21 @@
-"""A real server around a fake robot: ``python -m tests.server.serve_still PORT HOST ROBOT [RECORDINGS]``."""
+"""A real server around a fake robot: ``python -m tests.server.serve_still PORT HOST [RECORDINGS]``."""
 
 import sys
 from pathlib import Path
 
-from server.main import serve
-from snakeslam.config import Config
-from snakeslam.errors import SnakeslamError
-from snakeslam.robot.model import RobotSettings
-from snakeslam.runtime.session import SessionSpec
-from tests.server import still_robot
-
 
 def main() -> int:
-    port, host, robot, *folders = sys.argv[1:]
+    # The session's process imports this module too, and needs none of these.
+    from server.main import serve
+    from snakeslam.config import Config
+    from snakeslam.errors import SnakeslamError
+    from snakeslam.robot.model import RobotSettings
+    from snakeslam.runtime.session import SessionSpec
+    from tests.server.still_robot import still_robot
+
+    port, host, *folders = sys.argv[1:]
     config = Config(robot=RobotSettings(model="orthogonal24"))
-    spec = SessionSpec(config, build=getattr(still_robot, robot))
+    spec = SessionSpec(config, build=still_robot)
     try:
         serve(config, host=host, port=int(port), recordings=[Path(folder) for folder in folders], spec=spec)
     except SnakeslamError as error:

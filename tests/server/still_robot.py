@@ -9,6 +9,7 @@ from snakeslam.runtime.session import SessionSpec
 
 STEP_NS = 10_000_000
 FRAME_EVERY = 5
+BREAKS, ENDS = 1001, 1002
 WIDTH, HEIGHT, FOCAL_PX = 160, 120, 120.0
 
 
@@ -87,12 +88,6 @@ class StillRobot:
 
 
 def still_robot(spec: SessionSpec) -> StillRobot:
-    return StillRobot()
-
-
-def breaking_robot(spec: SessionSpec) -> StillRobot:
-    return StillRobot(fail_s=0.3)
-
-
-def ending_robot(spec: SessionSpec) -> StillRobot:
-    return StillRobot(end_s=0.5)
+    """Return the robot; the seed says how it behaves."""
+    seed = spec.config.run.seed
+    return StillRobot(end_s=0.5 if seed == ENDS else np.inf, fail_s=0.3 if seed == BREAKS else np.inf)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 BUILT = "serve, run, replay, eq"
 INTERRUPTED, TERMINATED = 130, 143
 
-app = typer.Typer(add_completion=False, rich_markup_mode=None)
+app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
 
 SetOption = Annotated[
     list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a setting; may be given many times.")

@@ -5,6 +5,7 @@ import math
 import platform
 import subprocess
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
@@ -19,6 +20,7 @@ from snakeslam.gaits.catalogue import resolve
 from snakeslam.mapping.export import write_ply
 from snakeslam.messages import GaitCommand
 from snakeslam.recording.trajectory import write_trajectory
+from snakeslam.robot.model import snake_model
 from snakeslam.runtime.assembly import build_backend, build_control, build_slam
 from snakeslam.runtime.lockstep import Loop
 from snakeslam.studies.metrics import HeadWindow, Metrics, evaluate, tracked_poses
@@ -46,23 +48,19 @@ def run_experiment(
 ) -> RunResult:
     """Run ``config`` in the simulator, or over ``recording``, and write the run directory ``out``.
 
-    The simulator runs for ``duration_s`` (else the config's), a recording for as long or to its end. Everything is
-    checked before anything is written (InputError); a run that fails leaves nothing behind.
+    The simulator runs for ``duration_s`` (else the config's), a recording for as long or to its end. What is
+    wrong is said before the loop turns (InputError); a run that fails leaves nothing behind.
     """
-    backend = build_backend(config, recording)
-    try:
+    if recording is None:
+        # What the joints cannot do is said before a simulator starts.
+        resolve(config.gait, snake_model(config.robot))
+    place = out or default_out(recording.resolve().name if recording else f"{config.gait.name}-s{config.run.seed}")
+    with new_directory(place) as part, closing(build_backend(config, recording)) as backend:
         recorder = Recorder()
-        control = build_control(config, backend.model)
-        loop = Loop(backend, control, build_slam(config, backend.rig), recorder)
-        name = recording.resolve().name if recording else f"{config.gait.name}-s{config.run.seed}"
-        place = out or default_out(name)
-        with new_directory(place) as part:
-            end_ns = _end_ns(config, backend, duration_s)
-            wall_s = _turn(loop, config, end_ns, progress or (lambda _: None))
-            metrics = _evaluate(config, backend, recorder, wall_s)
-            _write(part, config, recording, recorder, metrics)
-    finally:
-        backend.close()
+        loop = Loop(backend, build_control(config, backend.model), build_slam(config, backend.rig), recorder)
+        wall_s = _turn(loop, config, _end_ns(config, backend, duration_s), progress or (lambda _: None))
+        metrics = _evaluate(config, backend, recorder, wall_s)
+        _write(part, config, recording, recorder, metrics)
     return RunResult(place, metrics)
 
 

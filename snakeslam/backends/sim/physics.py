@@ -119,7 +119,11 @@ class SnakePhysics:
             physicsClientId=client,
         )
         plane = pybullet.createCollisionShape(pybullet.GEOM_PLANE, physicsClientId=client)
-        self._ground_id: int = pybullet.createMultiBody(0.0, plane, physicsClientId=client)
+        # The EGL renderer crashes on the picture PyBullet makes of a plane, so it gets a speck under the ground.
+        speck = pybullet.createVisualShape(
+            pybullet.GEOM_SPHERE, radius=1e-3, visualFramePosition=[0.0, 0.0, -1.0], physicsClientId=client
+        )
+        self._ground_id: int = pybullet.createMultiBody(0.0, plane, speck, physicsClientId=client)
 
     def _load_snake(self, T_W_base: Float, q_rad: Float) -> int:
         client = self.client_id

@@ -1,0 +1,120 @@
+"""The simulator as a backend: physics, IMU, servos and camera on one integer clock."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pybullet
+
+from snakeslam.backends.sim.camera import Camera, Render, Renderer, camera_calibration
+from snakeslam.backends.sim.imu import Imu, imu_calibration, interval_means
+from snakeslam.backends.sim.physics import SnakePhysics, pose_with_head_at
+from snakeslam.backends.sim.servos import ServoSensors
+from snakeslam.backends.sim.settings import IMU_RATE_HZ, SimSettings
+from snakeslam.backends.sim.worlds import place_world, world
+from snakeslam.calibration import SensorRig
+from snakeslam.errors import InputError
+from snakeslam.geometry import se3, so3
+from snakeslam.messages import CameraFrame, Float, GroundTruth, JointTarget, Packet
+from snakeslam.robot.model import SnakeModel
+
+CONTROL_RATE_HZ = 100
+IMU_DT_NS = 1_000_000_000 // IMU_RATE_HZ
+SETTLE_S = 0.3
+"""The snake sinks into its contacts for so long before time 0."""
+WORLD_STREAM, CAMERA_STREAM, IMU_STREAM = 1, 2, 3
+
+
+class SimBackend:
+    """A snake in a world made from ``seed``; W is the world's frame, the head starts over its origin, looking along x.
+
+    Everything is determined by the arguments and the targets. A frame's middle of exposure is the time of an IMU
+    sample; the frame is handed out once the next sample, to which the exposure reaches, is there.
+    """
+
+    def __init__(self, model: SnakeModel, settings: SimSettings, seed: int) -> None:
+        if settings.physics.rate_hz % IMU_RATE_HZ:
+            raise InputError("sim.physics.rate_hz", f"{settings.physics.rate_hz} is not possible", "multiples of 200")
+        self._model = model
+        self._settings = settings
+        cam0 = camera_calibration(settings.camera, model)
+        self._rig = SensorRig(cam0=cam0, imu0=imu_calibration(settings.imu))
+        client: int = pybullet.connect(pybullet.DIRECT)
+        self._renderer = Renderer(client, cam0.intrinsics[0])
+        self._physics = SnakePhysics(
+            model, settings.physics, settings.friction_ratio, pose_with_head_at(model, 0.0, 0.0), client_id=client
+        )
+        place_world(world(settings.world, np.random.default_rng([seed, WORLD_STREAM])), client)
+        self._camera = Camera(settings.camera, cam0.intrinsics, np.random.default_rng([seed, CAMERA_STREAM]))
+        self._imu = Imu.switched_on(settings.imu, np.random.default_rng([seed, IMU_STREAM]))
+        self._servos = ServoSensors(model.joint_count, 1.0 / CONTROL_RATE_HZ)
+        for _ in range(round(SETTLE_S * settings.physics.rate_hz)):
+            self._physics.step()
+        self._T_WI, self._v_W, _ = self._physics.head_state()
+        self._imu_count = 0
+        self._frame_count = 0
+        self._exposing: tuple[int, Render, Float] | None = None
+        self._truth: list[GroundTruth] = []
+
+    @property
+    def rig(self) -> SensorRig:
+        """The exact calibration of the simulated sensors."""
+        return self._rig
+
+    @property
+    def model(self) -> SnakeModel:
+        """The robot."""
+        return self._model
+
+    @property
+    def settings(self) -> SimSettings:
+        """The settings it was made with."""
+        return self._settings
+
+    @property
+    def t_ns(self) -> int:
+        """Simulated time reached, from 0."""
+        return self._imu_count * IMU_DT_NS
+
+    def step(self, target: JointTarget | None) -> Sequence[Packet]:
+        """Advance 10 ms towards ``target`` (None keeps the last) and return the packets in time order."""
+        if target is not None:
+            self._physics.set_target(target.q_rad)
+        packets: list[Packet] = []
+        for _ in range(IMU_RATE_HZ // CONTROL_RATE_HZ):
+            self._advance_imu_interval(packets)
+        packets.append(self._servos.measure(self.t_ns, *self._physics.joint_state()))
+        return packets
+
+    def take_ground_truth(self) -> Sequence[GroundTruth]:
+        """Return the true motion and biases since the last call, at the stamps of the IMU samples."""
+        taken, self._truth = self._truth, []
+        return taken
+
+    def close(self) -> None:
+        """Release the renderer and the physics; safe to call twice."""
+        self._renderer.close()
+        self._physics.close()
+
+    def _advance_imu_interval(self, packets: list[Packet]) -> None:
+        """Step the physics over one IMU interval and append what the sensors give at its end."""
+        for _ in range(self._settings.physics.rate_hz // IMU_RATE_HZ):
+            self._physics.step()
+        self._imu_count += 1
+        T0_WI, v0_W = self._T_WI, self._v_W
+        self._T_WI, self._v_W, _ = self._physics.head_state()
+        gyro_I, accel_I = interval_means(T0_WI[:3, :3], v0_W, self._T_WI[:3, :3], self._v_W, IMU_DT_NS * 1e-9)
+        if self._exposing is not None:
+            packets.append(self._end_exposure(*self._exposing))
+            self._exposing = None
+        packets.append(self._imu.measure(self.t_ns, gyro_I, accel_I))
+        self._truth.append(GroundTruth(self.t_ns, self._T_WI, self._v_W, self._imu.gyro_bias_I, self._imu.accel_bias_I))
+        if (self._imu_count - 1) % (IMU_RATE_HZ // self._settings.camera.rate_hz) == 0:
+            self._exposing = (self.t_ns, self._renderer.render(self._T_WI @ self._rig.cam0.T_IC), T0_WI)
+
+    def _end_exposure(self, t_ns: int, render: Render, T0_WI: Float) -> CameraFrame:
+        """Return the frame at ``t_ns``, blurred by the turn from one IMU time before it to one after."""
+        turn_I = so3.log(T0_WI[:3, :3].T @ self._T_WI[:3, :3])
+        w_C = self._rig.cam0.T_CI[:3, :3] @ turn_I / (2.0 * IMU_DT_NS * 1e-9)
+        frame = self._camera.expose(t_ns, self._frame_count, render, w_C)
+        self._frame_count += 1
+        return frame

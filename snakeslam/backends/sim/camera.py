@@ -1,0 +1,196 @@
+"""The RGB-D camera: one exact pinhole render, then motion blur, noise and the gaps of a depth sensor."""
+
+import contextlib
+import ctypes
+import importlib.util
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+import pybullet
+import structlog
+from numpy.typing import NDArray
+
+from snakeslam.backends.sim.settings import CameraSettings
+from snakeslam.calibration import CameraCalibration
+from snakeslam.geometry import se3, so3
+from snakeslam.messages import CameraFrame, Float
+from snakeslam.robot.model import SnakeModel
+
+WIDTH_PX, HEIGHT_PX = 640, 480
+NEAR_M, FAR_M = 0.02, 40.0
+LIGHT_W = (0.4, 0.3, 1.0)
+AMBIENT, DIFFUSE = 0.75, 0.4
+EDGE_FRACTION = 0.06
+"""A step in depth larger than this fraction of the depth leaves a hole."""
+SMALLEST_BLUR_PX = 0.5
+NOISE_MARGIN_PX = 128
+
+Image = NDArray[np.uint8]
+Depth = NDArray[np.float32]
+
+
+@dataclass(frozen=True, slots=True)
+class Render:
+    """What the optics see at one instant: ``rgb`` (H, W, 3), ``inverse_depth`` (H, W) float32 1/m."""
+
+    rgb: Image
+    inverse_depth: Depth
+
+
+def camera_calibration(settings: CameraSettings, model: SnakeModel) -> CameraCalibration:
+    """Return the exact intrinsics (pixel centres at whole numbers) and T_CI of the simulated camera."""
+    f_px = WIDTH_PX / 2.0 / float(np.tan(np.deg2rad(settings.horizontal_fov_deg) / 2.0))
+    rows = tuple(tuple(float(v) for v in row) for row in model.T_CI)
+    return CameraCalibration.model_validate(
+        {
+            "T_cam_imu": rows,
+            "intrinsics": (f_px, f_px, (WIDTH_PX - 1) / 2.0, (HEIGHT_PX - 1) / 2.0),
+            "resolution": (WIDTH_PX, HEIGHT_PX),
+            "rate_hz": float(settings.rate_hz),
+        }
+    )
+
+
+class Renderer:
+    """Draws the bodies of one PyBullet client; make it before any body is loaded."""
+
+    def __init__(self, client_id: int, f_px: float) -> None:
+        self._client = client_id
+        self._plugin = load_egl(client_id)
+        self._kind = pybullet.ER_BULLET_HARDWARE_OPENGL if self._plugin >= 0 else pybullet.ER_TINY_RENDERER
+        if self._plugin < 0:
+            structlog.get_logger().warning("no EGL for the simulator's camera, the slow renderer is used")
+        self._projection = projection_matrix(f_px)
+
+    def render(self, T_WC: Float) -> Render:
+        """Return the picture from the camera's pose (4, 4), optical frame."""
+        T_GC = se3.inv(T_WC)
+        T_GC[1:3] *= -1.0
+        # PyBullet's own types ask for lists, it takes any sequence.
+        image: Any = pybullet.getCameraImage(
+            WIDTH_PX,
+            HEIGHT_PX,
+            viewMatrix=T_GC.T.ravel().tolist(),
+            projectionMatrix=self._projection,
+            lightDirection=LIGHT_W,
+            lightColor=(1.0, 1.0, 1.0),
+            lightAmbientCoeff=AMBIENT,
+            lightDiffuseCoeff=DIFFUSE,
+            lightSpecularCoeff=0.0,
+            shadow=0,
+            renderer=self._kind,
+            flags=pybullet.ER_NO_SEGMENTATION_MASK,
+            physicsClientId=self._client,
+        )
+        rgba = np.asarray(image[2], dtype=np.uint8).reshape(HEIGHT_PX, WIDTH_PX, 4)
+        buffer = np.asarray(image[3], dtype=np.float32).reshape(HEIGHT_PX, WIDTH_PX)
+        inverse_depth = 1.0 / NEAR_M - buffer * np.float32(1.0 / NEAR_M - 1.0 / FAR_M)
+        return Render(cv2.cvtColor(rgba, cv2.COLOR_RGBA2RGB), inverse_depth)
+
+    def close(self) -> None:
+        """Unload the renderer."""
+        if self._plugin >= 0:
+            with _quiet_native_output():
+                pybullet.unloadPlugin(self._plugin, physicsClientId=self._client)
+            self._plugin = -1
+
+
+class Camera:
+    """Turns a render into the frame of a real sensor, with noise drawn from ``rng``."""
+
+    def __init__(
+        self, settings: CameraSettings, intrinsics: tuple[float, float, float, float], rng: np.random.Generator
+    ):
+        self.settings = settings
+        fx, fy, cx, cy = intrinsics
+        self._K = np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
+        self._rng = rng
+        shape = (HEIGHT_PX + NOISE_MARGIN_PX, WIDTH_PX + NOISE_MARGIN_PX)
+        levels = settings.noise_grey_levels * rng.standard_normal((*shape, 3), dtype=np.float32)
+        self._image_noise = np.rint(levels).astype(np.int16)
+        self._depth_noise = rng.standard_normal(shape, dtype=np.float32)
+
+    def expose(self, t_ns: int, seq: int, render: Render, w_C: Float) -> CameraFrame:
+        """Return the frame of ``render``, taken while the camera turns at w_C (3,) rad/s."""
+        rgb = self._blurred(render.rgb, w_C)
+        row, column = self._rng.integers(0, NOISE_MARGIN_PX, 2)
+        window = np.s_[row : row + HEIGHT_PX, column : column + WIDTH_PX]
+        rgb = cv2.add(rgb, self._image_noise[window], dtype=cv2.CV_8U)
+        gray = cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY)
+        depth_m = self._sensed_depth(render.inverse_depth, self._depth_noise[window])
+        exposure_ns = round(self.settings.exposure_ms * 1e6)
+        return CameraFrame(t_ns, seq, np.asarray(gray, np.uint8), np.asarray(rgb, np.uint8), depth_m, exposure_ns)
+
+    def _blurred(self, rgb: Image, w_C: Float) -> Image:
+        """Average 3 to 5 turned copies over the exposure; nearer than .5 px it is left as it is."""
+        turn_C = w_C * self.settings.exposure_ms * 1e-3
+        corner_px = float(np.hypot(WIDTH_PX, HEIGHT_PX)) / 2.0
+        blur_px = self._K[0, 0] * float(np.hypot(turn_C[0], turn_C[1])) + corner_px * abs(float(turn_C[2]))
+        if blur_px < SMALLEST_BLUR_PX:
+            return rgb
+        count = 3 if blur_px < 3.0 else 5
+        K_inv = np.linalg.inv(self._K)
+        total: Any = None
+        for k in range(count):
+            fraction = (k + 0.5) / count - 0.5
+            # A ray r_C seen at mid exposure is at Exp(-turn fraction) r_C after that part of the turn.
+            H = self._K @ so3.exp(-fraction * turn_C) @ K_inv
+            turned = (
+                rgb
+                if abs(fraction) < 1e-9
+                else cv2.warpPerspective(
+                    rgb, H, (WIDTH_PX, HEIGHT_PX), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+                )
+            )
+            total = turned.astype(np.uint16) if total is None else cv2.add(total, turned, dtype=cv2.CV_16U)
+        return np.asarray(cv2.convertScaleAbs(total, alpha=1.0 / count) if count else rgb, np.uint8)
+
+    def _sensed_depth(self, inverse_depth: Depth, noise: Depth) -> Depth:
+        """Return noisy depth (H, W) m, 0 out of range and at edges, where the inverse depth is not locally flat."""
+        settings = self.settings
+        depth_m = np.reciprocal(inverse_depth)
+        bend = np.abs(cv2.Laplacian(inverse_depth, cv2.CV_32F, ksize=1)) * depth_m
+        sigma_m = np.float32(settings.depth_noise_m) + np.float32(settings.depth_noise_per_m) * depth_m * depth_m
+        sensed = depth_m + sigma_m * noise
+        unknown = (depth_m < settings.depth_min_m) | (depth_m > settings.depth_max_m) | (bend > EDGE_FRACTION)
+        sensed[unknown] = 0.0
+        return np.asarray(np.maximum(sensed, 0.0), np.float32)
+
+
+def projection_matrix(f_px: float) -> list[float]:
+    """Return OpenGL's projection of a pinhole in the picture's middle, 16 numbers by columns."""
+    P = np.zeros((4, 4))
+    P[0, 0], P[1, 1] = 2.0 * f_px / WIDTH_PX, 2.0 * f_px / HEIGHT_PX
+    P[2, 2], P[2, 3] = -(FAR_M + NEAR_M) / (FAR_M - NEAR_M), -2.0 * FAR_M * NEAR_M / (FAR_M - NEAR_M)
+    P[3, 2] = -1.0
+    return P.T.ravel().tolist()
+
+
+def load_egl(client_id: int) -> int:
+    """Load PyBullet's EGL renderer into a client without bodies; return its plugin id, -1 where there is none."""
+    spec = importlib.util.find_spec("eglRenderer")
+    if spec is None or spec.origin is None:
+        return -1
+    with _quiet_native_output():
+        return int(pybullet.loadPlugin(spec.origin, "_eglRendererPlugin", physicsClientId=client_id))
+
+
+@contextlib.contextmanager
+def _quiet_native_output() -> Iterator[None]:
+    """Send what native code prints to nowhere: the plugin reports its driver on standard output."""
+    libc = ctypes.CDLL(None)
+    libc.fflush(None)
+    kept = os.dup(1)
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)
+    try:
+        yield
+    finally:
+        libc.fflush(None)
+        os.dup2(kept, 1)
+        os.close(kept)
+        os.close(nowhere)

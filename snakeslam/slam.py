@@ -49,4 +49,4 @@ class Slam:
         """Only frames that the camera supports add to the map."""
         if estimate.pose is None or not estimate.health.verdict.tracked:
             return ()
-        return self._mapper.update(frame, estimate.pose, estimate.pose.T_WI @ self._T_IC)
+        return self._mapper.update(frame, estimate.pose.T_WI @ self._T_IC)

@@ -10,6 +10,7 @@ from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from pathlib import Path
 
+import structlog
 import uvicorn
 from fastapi import FastAPI
 
@@ -64,6 +65,7 @@ def serve(config: Config, *, host: str, port: int, recordings: list[Path], spec:
 
     ``spec`` replaces the simulator session of ``config``.
     """
+    structlog.configure(logger_factory=structlog.PrintLoggerFactory(sys.stderr))
     given = token_from_environment(host)
     token = given or secrets.token_urlsafe(24)
     spec = spec or SessionSpec(config, autostart=config.run.autostart)

@@ -20,7 +20,7 @@ from snakeslam.paths import configs_dir
 
 RunState = Literal["queued", "running", "done", "failed", "cancelled"]
 Scalar = bool | int | float | str | None
-TERMINATE_S = 10.0
+TERMINATE_S, CLOSE_S = 10.0, 2.0
 MAX_QUEUED = 100
 KEY = re.compile(r"[a-z][a-z0-9_]*(\.[a-z][a-z0-9_]*)*")
 # Keys whose value is a file's name: those stay with who runs the server.
@@ -135,21 +135,20 @@ class Runs:
         """One run."""
         return self._runs.get(run_id)
 
-    async def cancel(self, run: Run) -> None:
+    async def cancel(self, run: Run, patience_s: float | None = None) -> None:
         """Take a run out of the queue, or end it; nothing for one that is over."""
         if run.state not in ("queued", "running"):
             return
         run.state = "cancelled"
         if run.process is not None:
-            await _end(run.process)
+            await _end(run.process, TERMINATE_S if patience_s is None else patience_s)
 
     async def close(self) -> None:
         """End everything."""
         if self._worker is not None:
             self._worker.cancel()
             await asyncio.gather(self._worker, return_exceptions=True)
-        for run in self._runs.values():
-            await self.cancel(run)
+        await asyncio.gather(*(self.cancel(run, CLOSE_S) for run in self._runs.values()))
 
     def _command(self, run: Run) -> tuple[str, ...]:
         return sys.executable, "-m", "server.run_child", *run.arguments()
@@ -167,7 +166,7 @@ class Runs:
             *self._command(run), stdin=pipe, stdout=pipe, stderr=pipe
         )
         if run.cancelled:  # While the process was being made.
-            await _end(process)
+            await _end(process, TERMINATE_S)
         assert process.stdout is not None
         assert process.stderr is not None
         out, _ = await asyncio.gather(process.stdout.read(), _follow(run, process.stderr))
@@ -208,14 +207,14 @@ def _conclude(run: Run, code: int, out: str) -> None:
         run.error = run.said[-1].removeprefix("snakeslam: ") if run.said else f"the run ended with exit code {code}"
 
 
-async def _end(process: asyncio.subprocess.Process) -> None:
+async def _end(process: asyncio.subprocess.Process, patience_s: float) -> None:
     """Ask a process to end, then insist."""
     if process.returncode is not None:
         return
     with contextlib.suppress(ProcessLookupError):
         process.terminate()
     try:
-        await asyncio.wait_for(process.wait(), TERMINATE_S)
+        await asyncio.wait_for(process.wait(), patience_s)
     except TimeoutError:
         with contextlib.suppress(ProcessLookupError):
             process.kill()

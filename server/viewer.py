@@ -22,6 +22,8 @@ POINT_SIZE_M = 0.012
 FRUSTUM_SCALE_M = 0.12
 BODY_RGB, DARK_RGB, HEAD_RGB = (214, 150, 62), (160, 105, 40), (250, 205, 90)
 ESTIMATE_RGB, TRUTH_RGB = (69, 201, 181), (200, 208, 213)
+AIM_STEP_M = 0.25
+VIEW_FROM_M = np.array([-1.7, -1.6, 1.3])
 IDENTITY = (1.0, 0.0, 0.0, 0.0)
 
 
@@ -62,8 +64,8 @@ class Scene:
         self._paths: dict[str, viser.LineSegmentsHandle] = {}
         self._chunks: dict[int, viser.PointCloudHandle] = {}
         self._camera_T_IC: Float = np.eye(4)
-        server.initial_camera.position = (-1.6, -1.8, 1.4)
-        server.initial_camera.look_at = (0.4, 0.0, 0.0)
+        self._aimed_at_W: Float = np.full(3, np.inf)
+        self._aim(np.zeros(3))
         self._furnish()
 
     def reset(self, started: Started | None) -> None:
@@ -73,6 +75,7 @@ class Scene:
                 handle.remove()
         self._robot = self._camera = None
         self._paths, self._chunks = {}, {}
+        self._aim(np.zeros(3))
         if started is None:
             return
         self._camera_T_IC = started.T_IC
@@ -96,10 +99,18 @@ class Scene:
                 self._robot.batched_wxyzs = so3.quat_wxyz_from_matrix(tick.Ts_WL[:, :3, :3]).astype(np.float32)
                 self._robot.visible = True
             if self._camera is not None and tick.T_WI is not None:
+                self._aim(tick.T_WI[:3, 3])
                 T_WC = tick.T_WI @ self._camera_T_IC
                 self._camera.position = T_WC[:3, 3]
                 self._camera.wxyz = so3.quat_wxyz_from_matrix(T_WC[:3, :3])
                 self._camera.visible = True
+
+    def _aim(self, p_W: Float) -> None:
+        """Let new viewers, and "reset view", look at where the robot is now."""
+        if np.linalg.norm(p_W - self._aimed_at_W) > AIM_STEP_M:
+            self._aimed_at_W = p_W
+            self._server.initial_camera.position = p_W + VIEW_FROM_M
+            self._server.initial_camera.look_at = p_W
 
     def show_picture(self, picture: Picture) -> None:
         """Hang the picture into the frustum, as it came: no second encoding."""

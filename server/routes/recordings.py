@@ -1,5 +1,6 @@
 """Recordings to watch, and the way back to the simulator."""
 
+from asyncio import to_thread
 from dataclasses import replace
 from http import HTTPStatus
 from typing import Any, Literal
@@ -42,11 +43,11 @@ def get_recordings(house: Rooms) -> list[dict[str, Any]]:
 @router.post("/recordings/{recording_id}/play")
 async def play(recording_id: str, house: Rooms, request: PlayRequest | None = None) -> dict[str, Any]:
     """Play a recording in the live view; without a mode, the one that its sensors allow."""
-    summary = house.library.all().get(recording_id)
+    summary = (await to_thread(house.library.all)).get(recording_id)
     if summary is None:
         raise Problem(HTTPStatus.NOT_FOUND, "there is no such recording; GET /recordings lists them")
     mode = None if request is None else request.mode
-    spec = replace(house.spec, recording=summary.path, estimator_mode=mode, autostart=False)
+    spec = replace(house.spec, recording=summary.path, estimator_mode=mode, autostart=False, build=None)
     await house.live.start(spec, "recording", summary.name)
     house.telemetry.tell_state()
     return state_json(house.live)

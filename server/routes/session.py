@@ -1,5 +1,6 @@
 """Signing in."""
 
+import asyncio
 from http import HTTPStatus
 
 from fastapi import APIRouter
@@ -9,6 +10,9 @@ from starlette.responses import Response
 from server.auth import set_cookie
 from server.deps import Rooms
 from server.problem import Problem
+
+# Guessing shall be slow.
+WRONG_S = 0.5
 
 router = APIRouter(tags=["session"])
 
@@ -26,6 +30,7 @@ async def sign_in(request: SignIn, house: Rooms) -> Response:
     """Open a session for the token and set its cookie."""
     session = house.auth.sign_in(request.token.strip())
     if session is None:
+        await asyncio.sleep(WRONG_S)
         raise Problem(HTTPStatus.UNAUTHORIZED, "this is not the token")
     response = Response(status_code=HTTPStatus.NO_CONTENT)
     set_cookie(response, session)

@@ -175,12 +175,12 @@ def resolve(settings: GaitSettings, model: SnakeModel, turn: float = 0.0) -> Res
         shape = _turned(shape, settings.name, float(np.clip(turn, -1.0, 1.0)))
     omega = 2.0 * np.pi / value["period_s"]
     _check(shape, omega, model)
-    start_sigma = np.pi / 2.0 if entry.rolls else 0.0
+    start_sigma = _start_sigma(settings.name, shape, model)
     return ResolvedGait(settings.name, shape, omega, entry.rolls, entry.raises_head, start_sigma)
 
 
 def _shape(name: GaitName, amplitude: float, k: float) -> ParametricGait:
-    """Return the constants of EQUATIONS' table; a rolling arc lies flat at sigma = pi/2."""
+    """Return the constants of EQUATIONS' table."""
     match name:
         case "serpentine":
             return ParametricGait(amplitude, k_o=k, k_e=k)
@@ -192,6 +192,15 @@ def _shape(name: GaitName, amplitude: float, k: float) -> ParametricGait:
             return ParametricGait(amplitude, amplitude, k, k, delta=np.pi / 2.0)
         case "pedal":
             return ParametricGait(amplitude, amplitude / 3.0, k, 2.0 * k, harmonic_e=2.0, delta=np.pi / 2.0)
+
+
+def _start_sigma(name: GaitName, shape: ParametricGait, model: SnakeModel) -> float:
+    """Return the phase at which an upright body lies quietly: the arc flat, the helix's middle on the ground."""
+    if name == "arc_rolling":
+        return np.pi / 2.0
+    if name == "helix_rolling":
+        return float(-shape.k_o * (model.joint_count + 1) / 2.0 % (2.0 * np.pi))
+    return 0.0
 
 
 def _turned(shape: ParametricGait, name: GaitName, turn: float) -> ParametricGait:

@@ -190,16 +190,17 @@ def test_the_same_seed_gives_the_same_bytes(cli: Cli, tmp_path: Path, checkout: 
     """Another seed does not: the comparison can fail."""
     config = checkout / "configs" / "sim.yaml"
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):
-        code, out, err = cli("run", config, "--seed", seed, "--duration", 1.5, "--out", name, "--json")
+        options = ("--set", "sim.camera.rate_hz=10", "--duration", 1.2, "--json")
+        code, out, err = cli("run", config, "--seed", seed, "--out", name, *options)
         assert code == 0, err
         metrics = json.loads(out.splitlines()[-1])
-        assert metrics["duration_s"] == pytest.approx(1.5, abs=0.02)
+        assert metrics["duration_s"] == pytest.approx(1.2, abs=0.02)
         assert metrics["ms_per_frame"]["mean"] > 0.0
         assert files(tmp_path / name) == sorted([*ARTIFACTS, "joints.csv"])
     for artifact in ("estimate.tum", "ground_truth.tum", "map.ply", "joints.csv"):
         assert (tmp_path / "a" / artifact).read_bytes() == (tmp_path / "b" / artifact).read_bytes(), artifact
     assert (tmp_path / "a/estimate.tum").read_bytes() != (tmp_path / "c/estimate.tum").read_bytes()
-    assert len((tmp_path / "a/estimate.tum").read_text().splitlines()) > 5
+    assert len((tmp_path / "a/estimate.tum").read_text().splitlines()) > 4
 
 
 def test_a_cancelled_run_leaves_nothing(tmp_path: Path, checkout: Path) -> None:
@@ -214,7 +215,9 @@ def test_a_cancelled_run_leaves_nothing(tmp_path: Path, checkout: Path) -> None:
     )
     try:
         assert process.stderr is not None
-        assert json.loads(process.stderr.readline())["progress"] < 0.1
+        # PyBullet greets on stderr before the first step.
+        first = next(line for line in process.stderr if line.startswith("{"))
+        assert json.loads(first)["progress"] < 0.1
         assert (tmp_path / "deep").exists()
         process.send_signal(signal.SIGTERM)
         out, _ = process.communicate(timeout=30)

@@ -8,12 +8,13 @@ import pybullet
 from snakeslam.backends.sim.camera import Camera, Render, Renderer, camera_calibration
 from snakeslam.backends.sim.imu import Imu, imu_calibration, interval_means
 from snakeslam.backends.sim.physics import SnakePhysics, pose_with_head_at
+from snakeslam.backends.sim.placing import place_world
 from snakeslam.backends.sim.servos import ServoSensors
 from snakeslam.backends.sim.settings import IMU_RATE_HZ, SimSettings
-from snakeslam.backends.sim.worlds import place_world, world
+from snakeslam.backends.sim.worlds import world
 from snakeslam.calibration import SensorRig
 from snakeslam.errors import InputError
-from snakeslam.geometry import se3, so3
+from snakeslam.geometry import so3
 from snakeslam.messages import CameraFrame, Float, GroundTruth, JointTarget, Packet
 from snakeslam.robot.model import SnakeModel
 
@@ -49,7 +50,7 @@ class SimBackend:
         self._servos = ServoSensors(model.joint_count, 1.0 / CONTROL_RATE_HZ)
         for _ in range(round(SETTLE_S * settings.physics.rate_hz)):
             self._physics.step()
-        self._T_WI, self._v_W, _ = self._physics.head_state()
+        self._pose_WI, self._v_W, _ = self._physics.head_state()
         self._imu_count = 0
         self._frame_count = 0
         self._exposing: tuple[int, Render, Float] | None = None
@@ -100,20 +101,22 @@ class SimBackend:
         for _ in range(self._settings.physics.rate_hz // IMU_RATE_HZ):
             self._physics.step()
         self._imu_count += 1
-        T0_WI, v0_W = self._T_WI, self._v_W
-        self._T_WI, self._v_W, _ = self._physics.head_state()
-        gyro_I, accel_I = interval_means(T0_WI[:3, :3], v0_W, self._T_WI[:3, :3], self._v_W, IMU_DT_NS * 1e-9)
+        T0_WI, v0_W = self._pose_WI, self._v_W
+        self._pose_WI, self._v_W, _ = self._physics.head_state()
+        gyro_I, accel_I = interval_means(T0_WI[:3, :3], v0_W, self._pose_WI[:3, :3], self._v_W, IMU_DT_NS * 1e-9)
         if self._exposing is not None:
             packets.append(self._end_exposure(*self._exposing))
             self._exposing = None
         packets.append(self._imu.measure(self.t_ns, gyro_I, accel_I))
-        self._truth.append(GroundTruth(self.t_ns, self._T_WI, self._v_W, self._imu.gyro_bias_I, self._imu.accel_bias_I))
+        self._truth.append(
+            GroundTruth(self.t_ns, self._pose_WI, self._v_W, self._imu.gyro_bias_I, self._imu.accel_bias_I)
+        )
         if (self._imu_count - 1) % (IMU_RATE_HZ // self._settings.camera.rate_hz) == 0:
-            self._exposing = (self.t_ns, self._renderer.render(self._T_WI @ self._rig.cam0.T_IC), T0_WI)
+            self._exposing = (self.t_ns, self._renderer.render(self._pose_WI @ self._rig.cam0.T_IC), T0_WI)
 
     def _end_exposure(self, t_ns: int, render: Render, T0_WI: Float) -> CameraFrame:
         """Return the frame at ``t_ns``, blurred by the turn from one IMU time before it to one after."""
-        turn_I = so3.log(T0_WI[:3, :3].T @ self._T_WI[:3, :3])
+        turn_I = so3.log(T0_WI[:3, :3].T @ self._pose_WI[:3, :3])
         w_C = self._rig.cam0.T_CI[:3, :3] @ turn_I / (2.0 * IMU_DT_NS * 1e-9)
         frame = self._camera.expose(t_ns, self._frame_count, render, w_C)
         self._frame_count += 1

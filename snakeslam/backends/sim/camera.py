@@ -4,7 +4,7 @@ import contextlib
 import ctypes
 import importlib.util
 import os
-from collections.abc import Iterator
+from collections.abc import Generator
 from dataclasses import dataclass
 from typing import Any
 
@@ -65,6 +65,9 @@ class Renderer:
         if self._plugin < 0:
             structlog.get_logger().warning("no EGL for the simulator's camera, the slow renderer is used")
         self._projection = projection_matrix(f_px)
+        # The first picture makes the driver name itself on standard output.
+        with _quiet_native_output():
+            self.render(np.eye(4))
 
     def render(self, T_WC: Float) -> Render:
         """Return the picture from the camera's pose (4, 4), optical frame."""
@@ -89,7 +92,7 @@ class Renderer:
         rgba = np.asarray(image[2], dtype=np.uint8).reshape(HEIGHT_PX, WIDTH_PX, 4)
         buffer = np.asarray(image[3], dtype=np.float32).reshape(HEIGHT_PX, WIDTH_PX)
         inverse_depth = 1.0 / NEAR_M - buffer * np.float32(1.0 / NEAR_M - 1.0 / FAR_M)
-        return Render(cv2.cvtColor(rgba, cv2.COLOR_RGBA2RGB), inverse_depth)
+        return Render(np.asarray(cv2.cvtColor(rgba, cv2.COLOR_RGBA2RGB), np.uint8), inverse_depth)
 
     def close(self) -> None:
         """Unload the renderer."""
@@ -180,7 +183,7 @@ def load_egl(client_id: int) -> int:
 
 
 @contextlib.contextmanager
-def _quiet_native_output() -> Iterator[None]:
+def _quiet_native_output() -> Generator[None]:
     """Send what native code prints to nowhere: the plugin reports its driver on standard output."""
     libc = ctypes.CDLL(None)
     libc.fflush(None)

@@ -31,7 +31,7 @@ def merge(meshes: Sequence[Mesh]) -> Mesh:
 
 
 def quad(corner_W: Sequence[float], right_W: Sequence[float], up_W: Sequence[float], uv: Float) -> Mesh:
-    """Return a rectangle seen from right x up; ``corner_W`` is its lower left, ``uv`` [[u0, v0], [u1, v1]] its range."""
+    """Return a rectangle seen from right x up; lower left ``corner_W``, ``uv`` [[u0, v0], [u1, v1]]."""
     corner, right, up = (np.asarray(a, dtype=np.float64) for a in (corner_W, right_W, up_W))
     normal = np.cross(right, up)
     (u0, v0), (u1, v1) = np.asarray(uv, dtype=np.float64)
@@ -47,7 +47,7 @@ def panel(corner_W: Sequence[float], right_W: Sequence[float], up_W: Sequence[fl
     """Return a rectangle whose texture repeats every ``tile_m``, phased by its place so that neighbours differ."""
     size = np.array([np.linalg.norm(right_W), np.linalg.norm(up_W)]) / tile_m
     phase = np.modf(np.abs(np.asarray(corner_W)) @ np.array([[0.37, 0.0], [0.61, 0.0], [0.0, 1.0 / tile_m]]))[0]
-    return quad(corner_W, right_W, up_W, np.array([phase, phase + size]))
+    return quad(corner_W, right_W, up_W, np.array([phase, phase + size], dtype=np.float64))
 
 
 def picture(corner_W: Sequence[float], right_W: Sequence[float], up_W: Sequence[float]) -> Mesh:

@@ -35,7 +35,7 @@ def grain(rng: np.random.Generator, size: int, coarsest: int = 4, persistence: f
     return total / np.float32(np.sqrt(power) * 0.75)
 
 
-def tinted(colour: Colour, shade: Grain) -> Texture:
+def tinted(colour: Colour, shade: Grain | Float) -> Texture:
     """Return ``colour`` made lighter or darker by the fraction ``shade`` (H, W)."""
     return np.clip(np.asarray(colour, np.float32) * (1.0 + shade[..., None]), 0, 255).astype(np.uint8)
 
@@ -67,7 +67,7 @@ def chips(
         _draw_wrapped(image, draw, rng.uniform(0, image.shape[0], 2), radius)
 
 
-def stains(rng: np.random.Generator, image: Texture, strength: float = 0.35) -> Texture:
+def stains(rng: np.random.Generator, image: Texture, strength: float = 0.2) -> Texture:
     """Return ``image`` with large soft-edged patches darkened."""
     size = image.shape[0]
     mask = 1.0 / (1.0 + np.exp(-6.0 * (grain(rng, size, 4, 0.55) - 0.9)))
@@ -92,7 +92,7 @@ def cracks(rng: np.random.Generator, image: Texture, count: int, tone: Colour = 
 def terrazzo(rng: np.random.Generator, size: int = 2048, tiles: int = 4) -> Texture:
     """Return a floor of ``tiles`` x ``tiles`` stone tiles with chips, joints, wear and stains."""
     base = tinted((168, 160, 148), 0.05 * grain(rng, size, 8, 0.8))
-    chips(rng, base, 3400, (2.0, 11.0), [(95, 88, 80), (205, 196, 180), (135, 92, 74), (70, 74, 82), (186, 160, 120)])
+    chips(rng, base, 9000, (1.5, 9.0), [(95, 88, 80), (205, 196, 180), (135, 92, 74), (70, 74, 82), (186, 160, 120)])
     side = size // tiles
     for row in range(tiles):
         for column in range(tiles):
@@ -117,7 +117,7 @@ def carpet(rng: np.random.Generator, size: int = 2048, tiles: int = 4) -> Textur
             shade[block] = 0.2 * part + rng.normal(0, 0.08)
     image = tinted((92, 104, 122), shade + 0.06 * grain(rng, size, 4, 0.6))
     chips(rng, image, 2600, (2.0, 7.0), [(150, 158, 170), (58, 64, 78), (168, 140, 96), (112, 70, 66)])
-    return stains(rng, image, 0.3)
+    return stains(rng, image, 0.18)
 
 
 def gravel(rng: np.random.Generator, size: int = 2048) -> Texture:
@@ -128,7 +128,7 @@ def gravel(rng: np.random.Generator, size: int = 2048) -> Texture:
     chips(rng, image, 3200, (2.5, 18.0), stone)
     chips(rng, image, 60, (25.0, 60.0), stone)
     worn = image * (1.0 + 0.12 * grain(rng, size, 32, 0.85)[..., None])
-    return stains(rng, np.clip(worn, 0, 255).astype(np.uint8), 0.4)
+    return stains(rng, np.clip(worn, 0, 255).astype(np.uint8), 0.22)
 
 
 def bricks(rng: np.random.Generator, size: int = 1024, courses: int = 16) -> Texture:
@@ -144,7 +144,7 @@ def bricks(rng: np.random.Generator, size: int = 1024, courses: int = 16) -> Tex
             rows = slice(row * height + joint, (row + 1) * height)
             columns = np.arange(column * width + joint + shift, (column + 1) * width + shift) % size
             image[rows, columns] = tinted(tone.tolist(), 0.14 * rough[rows, columns])
-    return stains(rng, image, 0.3)
+    return stains(rng, image, 0.18)
 
 
 def plaster(rng: np.random.Generator, colour: Colour, size: int = 1024, wear: float = 1.0) -> Texture:
@@ -160,7 +160,7 @@ def plaster(rng: np.random.Generator, colour: Colour, size: int = 1024, wear: fl
         [[c * 0.72 for c in colour], [c * 1.12 for c in colour], (140, 132, 120)],
     )
     cracks(rng, image, int(9 * wear))
-    return stains(rng, image, 0.28 * wear)
+    return stains(rng, image, 0.14 * wear)
 
 
 def planks(rng: np.random.Generator, size: int = 1024, boards: int = 6, colour: Colour = (158, 118, 78)) -> Texture:
@@ -183,12 +183,12 @@ def planks(rng: np.random.Generator, size: int = 1024, boards: int = 6, colour: 
 
 def ceiling(rng: np.random.Generator, size: int = 1024, tiles: int = 2) -> Texture:
     """Return perforated ceiling tiles with a few stains."""
-    image = tinted((196, 194, 188), 0.05 * grain(rng, size, 8, 0.8))
+    image = tinted((226, 224, 218), 0.05 * grain(rng, size, 8, 0.8))
     chips(rng, image, 900, (2.0, 4.5), [(120, 118, 112), (96, 94, 90)])
     side = size // tiles
     for k in range(tiles):
         image[k * side : k * side + 10] = image[:, k * side : k * side + 10] = (140, 140, 138)
-    return stains(rng, image, 0.25)
+    return stains(rng, image, 0.1)
 
 
 def cardboard(rng: np.random.Generator, size: int = 512) -> Texture:
@@ -208,7 +208,7 @@ def cardboard(rng: np.random.Generator, size: int = 512) -> Texture:
 def poster(rng: np.random.Generator, height: int = 768, width: int = 512) -> Texture:
     """Return a printed sheet: a heading, a picture of shapes, and paragraphs."""
     paper = rng.uniform(190, 235, 3)
-    image = np.broadcast_to(paper, (height, width, 3)).astype(np.uint8)
+    image = np.full((height, width, 3), paper.astype(np.uint8))
     ink = rng.uniform(10, 90, 3).tolist()
     band = int(height * rng.uniform(0.12, 0.2))
     image[:band] = np.asarray(rng.uniform(40, 150, 3), np.uint8)
@@ -257,7 +257,7 @@ def stone(rng: np.random.Generator, colour: Colour = (136, 130, 122), size: int 
     image = tinted(colour, 0.17 * grain(rng, size, 8, 0.8))
     chips(rng, image, 1100, (2.5, 14.0), [(170, 164, 154), (88, 84, 80), (150, 116, 92), (110, 108, 106)])
     cracks(rng, image, 10)
-    return stains(rng, image, 0.35)
+    return stains(rng, image, 0.2)
 
 
 def _word(

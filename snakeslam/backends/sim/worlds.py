@@ -1,43 +1,25 @@
-"""Worlds from a seed: textured meshes to look at and boxes to bump into."""
+"""The four worlds, each drawn from a seed.
 
-import tempfile
+The robot starts over the origin along x with its tail towards -x (up to 3.3 m); everything within ``CLEAR_M`` of its
+axis and several metres ahead is free, so that it may sway, turn and roll sideways.
+"""
+
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from pathlib import Path
 
-import cv2
 import numpy as np
-import pybullet
 
 from snakeslam.backends.sim import meshes, textures
 from snakeslam.backends.sim.meshes import Mesh
+from snakeslam.backends.sim.scenery import Room, World
 from snakeslam.backends.sim.settings import WorldName
-from snakeslam.backends.sim.textures import Texture
 
-
-@dataclass(frozen=True, slots=True)
-class Obstacle:
-    """An upright box that stops the robot: centre (3,) m in W, size (3,) m, yaw."""
-
-    centre_W: tuple[float, float, float]
-    size_m: tuple[float, float, float]
-    yaw_rad: float = 0.0
-
-
-@dataclass(slots=True)
-class World:
-    """What is around the robot: ``pictures`` pairs each texture with the meshes that wear it."""
-
-    pictures: list[tuple[Texture, list[Mesh]]] = field(default_factory=list[tuple[Texture, list[Mesh]]])
-    obstacles: list[Obstacle] = field(default_factory=list[Obstacle])
-
-    def add(self, texture: Texture, *shapes: Mesh) -> None:
-        """Show ``shapes`` in ``texture``."""
-        self.pictures.append((texture, list(shapes)))
+CLEAR_M = 2.4
+AHEAD_M = 6.0
+SIDES = ("left", "right", "back", "front")
 
 
 def world(name: WorldName, rng: np.random.Generator) -> World:
-    """Return a world drawn from ``rng``; the robot starts at its origin along x, with the tail towards -x."""
+    """Return the world ``name`` drawn from ``rng``."""
     makers: dict[WorldName, Callable[[np.random.Generator], World]] = {
         "corridor": corridor,
         "office": office,
@@ -47,104 +29,158 @@ def world(name: WorldName, rng: np.random.Generator) -> World:
     return makers[name](rng)
 
 
-def place_world(world: World, client_id: int) -> None:
-    """Load ``world`` into a PyBullet client."""
-    with tempfile.TemporaryDirectory() as folder:
-        for k, (texture, shapes) in enumerate(world.pictures):
-            path = Path(folder) / f"{k}.png"
-            cv2.imwrite(str(path), cv2.cvtColor(texture, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_PNG_COMPRESSION, 1])
-            shape = Path(folder) / f"{k}.obj"
-            shape.write_text(meshes.obj(meshes.merge(shapes)))
-            _place_picture(shape, path, client_id)
-    # A body without a picture is drawn as its collision shape.
-    speck = pybullet.createVisualShape(pybullet.GEOM_SPHERE, radius=1e-3, physicsClientId=client_id)
-    for obstacle in world.obstacles:
-        half = [side / 2.0 for side in obstacle.size_m]
-        shape = pybullet.createCollisionShape(pybullet.GEOM_BOX, halfExtents=half, physicsClientId=client_id)
-        turn = pybullet.getQuaternionFromEuler([0.0, 0.0, obstacle.yaw_rad])
-        pybullet.createMultiBody(0.0, shape, speck, list(obstacle.centre_W), turn, physicsClientId=client_id)
-
-
-def _place_picture(shape_path: Path, texture_path: Path, client_id: int) -> None:
-    """Load a mesh and its texture from files: the EGL renderer takes no mesh from memory."""
-    shape = pybullet.createVisualShape(
-        pybullet.GEOM_MESH, fileName=str(shape_path), rgbaColor=(1.0, 1.0, 1.0, 1.0), physicsClientId=client_id
-    )
-    body = pybullet.createMultiBody(0.0, -1, shape, physicsClientId=client_id)
-    texture = pybullet.loadTexture(str(texture_path), physicsClientId=client_id)
-    pybullet.changeVisualShape(body, -1, textureUniqueId=texture, physicsClientId=client_id)
-
-
-def _floor(room: "Room", tile_m: float) -> Mesh:
-    return meshes.panel((room.x0, room.y0, 0.0), (room.length, 0, 0), (0, room.width, 0), tile_m)
-
-
-@dataclass(frozen=True, slots=True)
-class Room:
-    """The inside of four walls, m in W."""
-
-    x0: float
-    x1: float
-    y0: float
-    y1: float
-    height: float
-
-    @property
-    def length(self) -> float:
-        """Along x."""
-        return self.x1 - self.x0
-
-    @property
-    def width(self) -> float:
-        """Along y."""
-        return self.y1 - self.y0
-
-    def walls(self, tile_m: float) -> list[Mesh]:
-        """Return the four walls, seen from inside."""
-        up = (0.0, 0.0, self.height)
-        return [
-            meshes.panel((self.x0, self.y1, 0.0), (self.length, 0, 0), up, tile_m),
-            meshes.panel((self.x1, self.y0, 0.0), (-self.length, 0, 0), up, tile_m),
-            meshes.panel((self.x0, self.y0, 0.0), (0, self.width, 0), up, tile_m),
-            meshes.panel((self.x1, self.y1, 0.0), (0, -self.width, 0), up, tile_m),
-        ]
-
-    def ceiling(self, tile_m: float) -> Mesh:
-        """Return the ceiling, seen from below."""
-        return meshes.panel((self.x0, self.y1, self.height), (self.length, 0, 0), (0, -self.width, 0), tile_m)
-
-    def barriers(self) -> list[Obstacle]:
-        """Return the walls as obstacles."""
-        x, y, z, t = (self.x0 + self.x1) / 2.0, (self.y0 + self.y1) / 2.0, self.height / 2.0, 0.4
-        along, across = (self.length + 2 * t, t, self.height), (t, self.width + 2 * t, self.height)
-        return [
-            Obstacle((x, self.y0 - t / 2, z), along),
-            Obstacle((x, self.y1 + t / 2, z), along),
-            Obstacle((self.x0 - t / 2, y, z), across),
-            Obstacle((self.x1 + t / 2, y, z), across),
-        ]
-
-    def hang(self, side: str, along_m: float, low_m: float, width_m: float, height_m: float) -> Mesh:
-        """Return a picture on the wall ``side`` (left, right, front, back of +x), its middle at ``along_m``."""
-        gap, up = 0.012, (0.0, 0.0, height_m)
-        half = width_m / 2.0
-        if side == "left":
-            return meshes.picture((along_m - half, self.y1 - gap, low_m), (width_m, 0, 0), up)
-        if side == "right":
-            return meshes.picture((along_m + half, self.y0 + gap, low_m), (-width_m, 0, 0), up)
-        if side == "back":
-            return meshes.picture((self.x0 + gap, along_m - half, low_m), (0, width_m, 0), up)
-        return meshes.picture((self.x1 - gap, along_m + half, low_m), (0, -width_m, 0), up)
-
-
 def corridor(rng: np.random.Generator) -> World:
-    """A wide hallway along x with doors, posters, brick pilasters and boxes at the walls."""
-    room, made = Room(-6.0, 13.0, -2.9, 2.9, 2.6), World()
-    made.add(textures.terrazzo(rng), _floor(room, 2.4))
-    made.add(textures.plaster(rng, (186, 180, 160)), *room.walls(2.0))
-    made.add(textures.ceiling(rng), room.ceiling(1.2))
+    """A wide hallway along x: brick and plaster walls, doors, posters, pilasters, boxes, papers on the floor."""
+    room, made = Room(-6.5, 10.0, -3.0, 3.0, 2.6), World()
     made.obstacles += room.barriers()
+    brick = room.walls(SIDES, 1.6, 0.0, 0.9, 0.006)
+    for k, x in enumerate(np.arange(-5.5, 10.0, 3.0).tolist()):
+        y = 2.88 if k % 2 else -2.88
+        brick.append(meshes.box(*made.block(x + rng.uniform(-0.3, 0.3), y, (0.35, 0.25, 2.6)), tile_m=1.6))
+    made.add(textures.terrazzo(rng), [room.floor(2.4)])
+    made.add(textures.bricks(rng), brick)
+    made.add(textures.plaster(rng, (190, 182, 160)), room.walls(SIDES, 2.0, 0.0, 2.6))
+    made.add(textures.ceiling(rng), [room.ceiling(1.2)])
+    doors = [room.hang(side, x, 0.0, 0.95, 2.05) for side, x in (("left", -2.6), ("left", 3.6), ("right", 0.8))]
+    made.add(
+        textures.door(rng), [*doors, room.hang("right", 6.8, 0.0, 0.95, 2.05), room.hang("front", 1.4, 0, 0.95, 2.05)]
+    )
+    _hang_posters(rng, made, room, 6, 22)
+    _stack_boxes(rng, made, room, 14)
+    _drop_papers(rng, made, 40)
     return made
 
 
-office = rubble = blank = corridor
+def office(rng: np.random.Generator) -> World:
+    """A large room with carpet tiles: desks, bookshelves, drawers, chairs, boxes and notices."""
+    room, made = Room(-6.5, 9.5, -4.6, 4.6, 2.7), World()
+    made.obstacles += room.barriers()
+    made.add(textures.carpet(rng), [room.floor(2.0)])
+    made.add(textures.plaster(rng, (184, 190, 194), wear=0.6), room.walls(SIDES, 2.4, 0.0, 2.7))
+    made.add(textures.ceiling(rng), [room.ceiling(1.2)])
+    wood: list[Mesh] = room.walls(SIDES, 0.8, 0.0, 0.1, 0.01)
+    dark: list[Mesh] = []
+    for x in np.arange(-5.2, 8.5, 2.3).tolist():
+        for y in (-3.1, 3.1):
+            _desk(rng, made, wood, dark, x + rng.uniform(-0.25, 0.25), y + rng.uniform(-0.1, 0.1))
+    made.add(textures.planks(rng, colour=(176, 142, 102)), wood)
+    made.add(textures.plaster(rng, (74, 78, 86), 512), dark)
+    _stand_shelves(rng, made, room)
+    _hang_posters(rng, made, room, 6, 26)
+    _stack_boxes(rng, made, room, 12)
+    _drop_papers(rng, made, 36)
+    return made
+
+
+def rubble(rng: np.random.Generator) -> World:
+    """Open ground between broken walls, with stones and brick lumps of all sizes; no ceiling."""
+    room, made = Room(-8.0, 10.5, -7.0, 7.0, 4.5), World()
+    made.obstacles += room.barriers()
+    made.add(textures.gravel(rng), [room.floor(2.6)])
+    made.add(textures.stone(rng), room.walls(("left", "front"), 3.0, 0.0, 4.5))
+    masonry = room.walls(("right", "back"), 2.4, 0.0, 4.5)
+    heaps: tuple[list[Mesh], list[Mesh]] = ([], [])
+    for k in range(130):
+        size = float(np.exp(rng.uniform(np.log(0.1), np.log(1.3))))
+        x, y = _free_spot(rng, room, size / 2.0 + 0.1)
+        shape_m = (size, size * rng.uniform(0.6, 1.0), size * rng.uniform(0.4, 1.1))
+        heaps[k % 2].append(meshes.rock(rng, (x, y, shape_m[2] * 0.25), shape_m, 0.9))
+        made.block(x, y, (size * 0.75, shape_m[1] * 0.75, shape_m[2] * 0.7))
+    for _ in range(9):
+        x, y = _free_spot(rng, room, 0.9)
+        masonry.append(
+            meshes.box(*made.block(x, y, (1.4, 0.3, rng.uniform(0.3, 1.6)), rng.uniform(0, np.pi)), tile_m=1.6)
+        )
+    made.add(textures.bricks(rng), masonry)
+    made.add(textures.stone(rng, (146, 138, 126)), heaps[0])
+    made.add(textures.stone(rng, (124, 106, 92)), heaps[1])
+    return made
+
+
+def blank(rng: np.random.Generator) -> World:
+    """A hall of smooth paint and one floor covering: a skirting, two doors, few notices and little else to see."""
+    room, made = Room(-6.5, 10.0, -3.2, 3.2, 2.6), World()
+    made.obstacles += room.barriers()
+    made.add(textures.plaster(rng, (150, 152, 150), wear=0.08), [room.floor(3.0)])
+    made.add(textures.plaster(rng, (196, 196, 190), wear=0.0), room.walls(SIDES, 4.0, 0.0, 2.6))
+    made.add(textures.plaster(rng, (204, 204, 202), wear=0.0), [room.ceiling(4.0)])
+    made.add(textures.plaster(rng, (96, 92, 88), 512, wear=0.0), room.walls(SIDES, 2.0, 0.0, 0.12, 0.008))
+    made.add(textures.door(rng), [room.hang("left", 2.5, 0.0, 0.95, 2.05), room.hang("front", -1.0, 0.0, 0.95, 2.05)])
+    _hang_posters(rng, made, room, 2, 5)
+    return made
+
+
+def _hang_posters(rng: np.random.Generator, made: World, room: Room, kinds: int, count: int) -> None:
+    sheets = [textures.poster(rng) for _ in range(kinds)]
+    placed: list[list[Mesh]] = [[] for _ in sheets]
+    for k in range(count):
+        side = SIDES[int(rng.choice(4, p=[0.36, 0.36, 0.06, 0.22]))]
+        low, high = (room.x0, room.x1) if side in ("left", "right") else (room.y0, room.y1)
+        width = rng.uniform(0.35, 0.75)
+        mesh = room.hang(side, rng.uniform(low + 0.6, high - 0.6), rng.uniform(0.25, 1.35), width, width * 1.5)
+        # A millimetre apart, so that sheets that overlap do not flicker.
+        lifted = mesh.vertices_W + mesh.normals_W * 0.001 * (k + 1)
+        placed[k % kinds].append(meshes.Mesh(lifted, mesh.normals_W, mesh.uvs, mesh.triangles))
+    for sheet, shapes in zip(sheets, placed, strict=True):
+        made.add(sheet, shapes)
+
+
+def _stack_boxes(rng: np.random.Generator, made: World, room: Room, count: int) -> None:
+    """Put cardboard boxes along the walls, some on top of others."""
+    kinds = [textures.cardboard(rng) for _ in range(2)]
+    placed: tuple[list[Mesh], list[Mesh]] = ([], [])
+    for k in range(count):
+        size = rng.uniform(0.22, 0.42, 3)
+        x, y = _free_spot(rng, room, 0.3)
+        block = made.block(x, y, (float(size[0]), float(size[1]), float(size[2])), rng.uniform(0, np.pi))
+        placed[k % 2].append(meshes.box(*block))
+        if rng.random() < 0.5:
+            upper = (float(size[0]) * 0.8, float(size[1]) * 0.8, float(size[2]) * 0.7)
+            placed[(k + 1) % 2].append(meshes.box(*made.block(x, y, upper, rng.uniform(0, np.pi), float(size[2]))))
+    for texture, shapes in zip(kinds, placed, strict=True):
+        made.add(texture, shapes)
+
+
+def _drop_papers(rng: np.random.Generator, made: World, count: int) -> None:
+    """Leave flat sheets, tape and wrappers on the floor; they are too thin to bump into."""
+    kinds = [textures.poster(rng, 512, 512) for _ in range(3)]
+    placed: list[list[Mesh]] = [[] for _ in kinds]
+    for k in range(count):
+        size, yaw = rng.uniform(0.05, 0.22), rng.uniform(0, 2 * np.pi)
+        right = (size * np.cos(yaw), size * np.sin(yaw), 0.0)
+        up = (-0.7 * size * np.sin(yaw), 0.7 * size * np.cos(yaw), 0.0)
+        corner = (rng.uniform(-4.0, 8.5), rng.uniform(-2.7, 2.7), 0.0015 + 0.0002 * k)
+        placed[k % len(kinds)].append(meshes.picture(corner, right, up))
+    for texture, shapes in zip(kinds, placed, strict=True):
+        made.add(texture, shapes)
+
+
+def _stand_shelves(rng: np.random.Generator, made: World, room: Room) -> None:
+    texture, shapes = textures.bookshelf(rng), list[Mesh]()
+    for x in (-3.5, 0.2, 3.9, 7.0):
+        for y in (room.y0 + 0.16, room.y1 - 0.16):
+            shapes.append(meshes.box(*made.block(x + rng.uniform(-0.4, 0.4), y, (1.2, 0.3, rng.uniform(1.5, 2.1)))))
+    for y in (-2.9, 0.3, 2.9):
+        shapes.append(meshes.box(*made.block(room.x1 - 0.16, y + rng.uniform(-0.3, 0.3), (0.3, 1.3, 1.9))))
+    made.add(texture, shapes)
+
+
+def _desk(rng: np.random.Generator, made: World, wood: list[Mesh], dark: list[Mesh], x_m: float, y_m: float) -> None:
+    """Add a desk with legs, a drawer unit and, mostly, a chair's foot and seat."""
+    wood.append(meshes.box(*made.block(x_m, y_m, (1.5, 0.75, 0.04), low_m=0.7), tile_m=0.9))
+    for dx in (-0.7, 0.7):
+        for dy in (-0.33, 0.33):
+            dark.append(meshes.box(*made.block(x_m + dx, y_m + dy, (0.05, 0.05, 0.7)), tile_m=0.5))
+    wood.append(meshes.box(*made.block(x_m + rng.uniform(-0.4, 0.4), y_m, (0.42, 0.55, 0.6)), tile_m=0.9))
+    if rng.random() < 0.7:
+        x, y = x_m + rng.uniform(-0.5, 0.5), y_m - np.sign(y_m) * 0.38
+        dark.append(meshes.box(*made.block(x, y, (0.06, 0.06, 0.45)), tile_m=0.5))
+        dark.append(meshes.box(*made.block(x, y, (0.42, 0.4, 0.06), rng.uniform(0, 1.0), 0.45), tile_m=0.5))
+
+
+def _free_spot(rng: np.random.Generator, room: Room, margin_m: float) -> tuple[float, float]:
+    """Return a place inside the room and outside the part that is kept clear."""
+    while True:
+        x, y = rng.uniform(room.x0 + margin_m, room.x1 - margin_m), rng.uniform(room.y0 + margin_m, room.y1 - margin_m)
+        if abs(y) > CLEAR_M + margin_m or x > AHEAD_M + margin_m:
+            return x, y

@@ -72,6 +72,8 @@ class ImuCalibration(Settings):
     """m/s^3/sqrt(Hz)"""
     update_rate: Positive
     """Hz"""
+    sample_kind: Literal["point", "mean"] = "point"
+    """Whether a sample is the value at its time or the mean since the sample before (our addition to the form)."""
 
 
 class SensorRig(Settings):

@@ -37,12 +37,36 @@ class NoiseSettings(Settings):
     imu_walk_scale: Positive = 1.0
 
 
+class HealthSettings(Settings):
+    """When the estimator says that it is in trouble."""
+
+    few_features: Annotated[int, Field(ge=4)] = 15
+    """Fewer features in use than this degrade the verdict."""
+    min_features: Annotated[int, Field(ge=1)] = 5
+    """With fewer, the frame counts as blind."""
+    max_blind_s: Positive = 3.0
+    """Blind for longer, the estimator starts anew."""
+    max_sigma_v_m_s: Positive = 0.6
+    """With a larger velocity sigma the estimator starts anew."""
+    max_imu_gap_s: Positive = 0.05
+
+
+class WindowSettings(Settings):
+    """The window of pose clones and the landmarks in the state."""
+
+    clones: Annotated[int, Field(ge=4, le=30)] = 11
+    keyframe_disparity_px: Positive = 12.0
+    """A frame whose features moved less than this since the clone before it leaves the window first."""
+    max_landmarks: Annotated[int, Field(ge=0, le=200)] = 40
+
+
 class EstimatorSettings(Settings):
     """Which estimator runs, and its parts."""
 
     mode: Mode = "vio"
-    window_clones: Annotated[int, Field(ge=4, le=30)] = 11
     max_iterations: Annotated[int, Field(ge=1, le=10)] = 3
     gravity_m_s2: Positive = 9.81
     frontend: FrontendSettings = FrontendSettings()
     noise: NoiseSettings = NoiseSettings()
+    window: WindowSettings = WindowSettings()
+    health: HealthSettings = HealthSettings()

@@ -1,0 +1,196 @@
+"""The front-end: FAST corners on a grid, KLT with starts predicted by the gyro, a two-point RANSAC that knows the turn."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from snakeslam.estimation.camera import PinholeCamera
+from snakeslam.estimation.settings import FrontendSettings
+from snakeslam.messages import CameraFrame, Float
+
+BORDER_PX = 8
+RANSAC_ROUNDS = 64
+MIN_FOR_RANSAC = 8
+EDGE_PER_M, EDGE_PER_M2 = 0.02, 0.02
+KLT_EPSILON_PX = 0.02
+KLT_STEPS = 20
+FROZEN_LEVEL = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class FrontendFrame:
+    """Features of one frame: ``px`` (M, 2), ``ids`` (M,), ``xy`` (M, 2) normalised, ``depth_m`` (M,) with 0 = unknown.
+
+    ``rejected_px`` (R, 2) with ``rejected_ids`` are those that RANSAC dropped; ``disparity_px`` is the median motion that
+    the turn does not explain, None without a frame before; ``frozen`` tells that the picture is the one before.
+    """
+
+    px: NDArray[np.float32]
+    ids: NDArray[np.int64]
+    xy: Float
+    depth_m: Float
+    rejected_px: NDArray[np.float32]
+    rejected_ids: NDArray[np.int64]
+    disparity_px: float | None
+    frozen: bool
+
+
+class Frontend:
+    """Follows features from frame to frame."""
+
+    def __init__(self, settings: FrontendSettings, camera: PinholeCamera, seed: int) -> None:
+        self._settings = settings
+        self._camera = camera
+        self._rng = np.random.default_rng([seed, 0])
+        self._gray: NDArray[np.uint8] | None = None
+        self._px = np.empty((0, 2), np.float32)
+        self._ids = np.empty(0, np.int64)
+        self._next_id = 0
+
+    def process(self, frame: CameraFrame, R_C1C0: Float) -> FrontendFrame:
+        """Follow the features of the frame before into ``frame``, given the camera's turn, and find new ones."""
+        frozen = self._gray is not None and bool(np.array_equal(self._gray, frame.gray))
+        rejected_px, rejected_ids = np.empty((0, 2), np.float32), np.empty(0, np.int64)
+        disparity: float | None = None
+        if self._gray is not None and len(self._px):
+            px0, px1, ids = self._follow(self._gray, frame.gray, R_C1C0)
+            good, disparity = self._ransac(px0, px1, R_C1C0)
+            rejected_px, rejected_ids = px1[~good], ids[~good]
+            self._px, self._ids = px1[good], ids[good]
+        self._gray = frame.gray
+        self._detect(frame.gray)
+        return FrontendFrame(
+            px=self._px,
+            ids=self._ids,
+            xy=self._camera.normalise(self._px),
+            depth_m=sample_depth(frame.depth_m, self._px),
+            rejected_px=rejected_px,
+            rejected_ids=rejected_ids,
+            disparity_px=disparity,
+            frozen=frozen,
+        )
+
+    def drop(self, ids: set[int]) -> None:
+        """Stop following these features."""
+        if ids:
+            keep = ~np.isin(self._ids, list(ids))
+            self._px, self._ids = self._px[keep], self._ids[keep]
+
+    def _follow(
+        self, before: NDArray[np.uint8], now: NDArray[np.uint8], R_C1C0: Float
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int64]]:
+        """Return where features were, where they are, and their ids; those that KLT loses are left out."""
+        start = self._predict(self._px, R_C1C0)
+        px1, status, _ = cv2.calcOpticalFlowPyrLK(
+            before,
+            now,
+            self._px.reshape(-1, 1, 2),
+            start.reshape(-1, 1, 2).copy(),
+            winSize=(self._settings.klt_window_px, self._settings.klt_window_px),
+            maxLevel=self._settings.klt_levels,
+            criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, KLT_STEPS, KLT_EPSILON_PX),
+            flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+        )
+        px1 = np.asarray(px1, dtype=np.float32).reshape(-1, 2)
+        kept = np.asarray(status).ravel().astype(bool) & self._inside(px1)
+        return self._px[kept], px1[kept], self._ids[kept]
+
+    def _predict(self, px: NDArray[np.float32], R_C1C0: Float) -> NDArray[np.float32]:
+        """Return where a pure turn moves pixels; those that it takes behind the camera stay."""
+        rays = np.hstack([self._camera.normalise(px), np.ones((len(px), 1))]) @ R_C1C0.T
+        ahead = rays[:, 2] > 0.1
+        out = px.copy()
+        out[ahead] = self._camera.project(rays[ahead]).astype(np.float32)
+        return out
+
+    def _inside(self, px: NDArray[np.float32]) -> NDArray[np.bool_]:
+        limit = np.array([self._camera.width_px - BORDER_PX, self._camera.height_px - BORDER_PX])
+        return np.asarray(np.all((px >= BORDER_PX) & (px < limit), axis=-1))
+
+    def _ransac(
+        self, px0: NDArray[np.float32], px1: NDArray[np.float32], R_C1C0: Float
+    ) -> tuple[NDArray[np.bool_], float | None]:
+        """Return which motions agree with the turn and one direction of travel, and their median rest motion in px.
+
+        With the turn known, two features fix the direction t: t is normal to n_i = (R x0_i) x x1_i [Troiani14]. The
+        error is the distance of x1 to its epipolar line.
+        """
+        n = len(px0)
+        if n < MIN_FOR_RANSAC:
+            return np.ones(n, bool), None
+        turned = np.hstack([self._camera.normalise(px0), np.ones((n, 1))]) @ R_C1C0.T
+        seen = np.hstack([self._camera.normalise(px1), np.ones((n, 1))])
+        rest_px = np.linalg.norm(turned[:, :2] / turned[:, 2:] - seen[:, :2], axis=-1) * self._camera.focal_px
+        normals = np.cross(turned, seen)
+        pairs = np.stack([self._rng.integers(0, n, RANSAC_ROUNDS), self._rng.integers(0, n, RANSAC_ROUNDS)])
+        t = np.cross(normals[pairs[0]], normals[pairs[1]])
+        length = np.linalg.norm(t, axis=-1)
+        t = t[length > FROZEN_LEVEL] / length[length > FROZEN_LEVEL, None]
+        if not len(t):
+            return np.ones(n, bool), float(np.median(rest_px))
+        lines = np.cross(t[:, None, :], turned[None])
+        distance = np.abs(np.sum(lines * seen[None], axis=-1)) / np.maximum(np.linalg.norm(lines[..., :2], axis=-1), 1e-9)
+        inliers = distance * self._camera.focal_px < self._settings.ransac_threshold_px
+        # A feature that moved less than the threshold fits any direction.
+        inliers |= rest_px < self._settings.ransac_threshold_px
+        good = inliers[int(np.argmax(inliers.sum(axis=-1)))]
+        return np.asarray(good), float(np.median(rest_px[good])) if good.any() else None
+
+    def _detect(self, gray: NDArray[np.uint8]) -> None:
+        """Fill up to ``max_tracks`` with the strongest FAST corner of each empty cell of a grid."""
+        missing = self._settings.max_tracks - len(self._px)
+        if missing <= 0:
+            return
+        cell = self._cell_px()
+        taken = np.zeros((gray.shape[0] // cell + 1, gray.shape[1] // cell + 1), bool)
+        columns, rows = (self._px / cell).astype(np.int64).T
+        taken[rows, columns] = True
+        corners = self._corners(gray)
+        corners = corners[self._inside(corners[:, :2])]
+        cells = (corners[:, :2] / cell).astype(np.int64)
+        corners, cells = (a[~taken[cells[:, 1], cells[:, 0]]] for a in (corners, cells))
+        order = np.argsort(-corners[:, 2], kind="stable")
+        _, best = np.unique(cells[order, 1] * taken.shape[1] + cells[order, 0], return_index=True)
+        chosen = corners[order[np.sort(best)], :2]
+        chosen = chosen[self._far_from_tracked(chosen)][:missing]
+        self._px = np.vstack([self._px, chosen.astype(np.float32)])
+        self._ids = np.concatenate([self._ids, np.arange(self._next_id, self._next_id + len(chosen))])
+        self._next_id += len(chosen)
+
+    def _cell_px(self) -> int:
+        """Return the side of a cell so that ``max_tracks`` cells cover about three quarters of the picture."""
+        area = self._camera.width_px * self._camera.height_px
+        return max(int(self._settings.min_distance_px), int(np.sqrt(0.75 * area / self._settings.max_tracks)))
+
+    def _corners(self, gray: NDArray[np.uint8]) -> Float:
+        """Return FAST corners (x, y, response), with a lower threshold where the picture gives few."""
+        for threshold in (self._settings.fast_threshold, max(2, self._settings.fast_threshold // 2)):
+            found = cv2.FastFeatureDetector_create(threshold=threshold).detect(gray)
+            if len(found) >= 2 * self._settings.max_tracks:
+                break
+        return np.array([(*k.pt, k.response) for k in found], dtype=np.float64).reshape(-1, 3)
+
+    def _far_from_tracked(self, px: Float) -> NDArray[np.bool_]:
+        if not len(self._px) or not len(px):
+            return np.ones(len(px), bool)
+        gap = np.linalg.norm(px[:, None] - self._px[None], axis=-1).min(axis=1)
+        return np.asarray(gap >= 0.5 * self._settings.min_distance_px)
+
+
+def sample_depth(depth_m: NDArray[np.float32] | None, px: NDArray[np.float32]) -> Float:
+    """Return the depth at pixels (N,), 0 where it is unknown or its 3x3 surroundings hold an edge."""
+    if depth_m is None or not len(px):
+        return np.zeros(len(px))
+    u, v = np.rint(px[:, 0]).astype(np.int64), np.rint(px[:, 1]).astype(np.int64)
+    du, dv = np.meshgrid([-1, 0, 1], [-1, 0, 1])
+    height, width = depth_m.shape
+    around = depth_m[
+        np.clip(v[:, None] + dv.ravel(), 0, height - 1), np.clip(u[:, None] + du.ravel(), 0, width - 1)
+    ].astype(np.float64)
+    middle = np.median(around, axis=-1)
+    # The allowance grows like the noise of a depth camera does.
+    allowance = EDGE_PER_M * middle + EDGE_PER_M2 * middle**2
+    smooth = (around.min(axis=-1) > 0.0) & (np.ptp(around, axis=-1) <= allowance)
+    return np.where(smooth, middle, 0.0)

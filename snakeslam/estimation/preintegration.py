@@ -1,0 +1,174 @@
+"""Pre-integrated IMU measurements, Eq. (22)-(27), with bias Jacobians and covariance.
+
+Between two times b_k and b_k+1 the samples are summed in the IMU frame of b_k, so that the result does not depend on the
+pose or velocity there: alpha (position), beta (velocity) and gamma (rotation) [Forster17]. The paper's quaternion gamma
+is a rotation matrix here; its errors are right perturbations.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from snakeslam.calibration import ImuCalibration
+from snakeslam.geometry import so3
+from snakeslam.messages import Float, ImuSample
+
+ALPHA, BETA, GAMMA, BIAS_G, BIAS_A = (slice(3 * k, 3 * k + 3) for k in range(5))
+SIZE = 15
+
+
+@dataclass(frozen=True, slots=True)
+class ImuSegments:
+    """Constant rate and specific force over each of n spans: ``gyro_I`` (n, 3), ``accel_I`` (n, 3), ``dt_s`` (n,)."""
+
+    gyro_I: Float
+    accel_I: Float
+    dt_s: Float
+
+
+@dataclass(frozen=True, slots=True)
+class Preintegrated:
+    """The summed motion and its first-order dependence on the biases it was summed with.
+
+    ``alpha`` (3,) m, ``beta`` (3,) m/s, ``gamma`` (3, 3); ``J`` (15, 6) is the derivative of the error (alpha, beta,
+    theta, b_g, b_a) with respect to (b_g, b_a); ``cov`` (15, 15) the covariance of that error.
+    """
+
+    dt_s: float
+    alpha: Float
+    beta: Float
+    gamma: Float
+    J: Float
+    cov: Float
+    bias_g: Float
+    bias_a: Float
+
+    def corrected(self, bias_g: Float, bias_a: Float) -> tuple[Float, Float, Float]:
+        """Return alpha, beta, gamma for other biases, to first order."""
+        d = np.concatenate([bias_g - self.bias_g, bias_a - self.bias_a])
+        correction = self.J @ d
+        return (
+            self.alpha + correction[ALPHA],
+            self.beta + correction[BETA],
+            self.gamma @ so3.exp(correction[GAMMA]),
+        )
+
+    def residual(
+        self,
+        state_k: tuple[Float, Float, Float, Float, Float],
+        state_k1: tuple[Float, Float, Float, Float, Float],
+        gravity_W: Float,
+    ) -> Float:
+        """Return the residual of Eq. (27), (15,), for states (R_WI, p_WI, v_W, bias_g, bias_a) at both ends.
+
+        The sign of the velocity row is corrected: beta is compared with R^T (v_k+1 - v_k - g_W dt).
+        """
+        R_k, p_k, v_k, bg_k, ba_k = state_k
+        R_k1, p_k1, v_k1, bg_k1, ba_k1 = state_k1
+        alpha, beta, gamma = self.corrected(bg_k, ba_k)
+        dt = self.dt_s
+        return np.concatenate(
+            [
+                R_k.T @ (p_k1 - p_k - v_k * dt - 0.5 * gravity_W * dt**2) - alpha,
+                R_k.T @ (v_k1 - v_k - gravity_W * dt) - beta,
+                so3.log(gamma.T @ R_k.T @ R_k1),
+                bg_k1 - bg_k,
+                ba_k1 - ba_k,
+            ]
+        )
+
+
+def preintegrate(segments: ImuSegments, bias_g: Float, bias_a: Float, noise: ImuCalibration) -> Preintegrated:
+    """Return the sums of Eq. (22)-(24) by steps of Eq. (25), with the error propagation of Eq. (26).
+
+    Each span turns by Exp(w dt); its force acts at the rotation of the span's middle.
+    """
+    w = segments.gyro_I - bias_g
+    a = segments.accel_I - bias_a
+    steps = so3.exp(w * segments.dt_s[:, None])
+    halves = so3.exp(w * (0.5 * segments.dt_s[:, None]))
+    jacobians = so3.right_jacobian(w * segments.dt_s[:, None])
+    alpha, beta, gamma = np.zeros(3), np.zeros(3), np.eye(3)
+    J_total, cov = np.eye(SIZE), np.zeros((SIZE, SIZE))
+    for k, dt in enumerate(segments.dt_s.tolist()):
+        middle = gamma @ halves[k]
+        force = middle @ a[k]
+        F = _transition(middle, gamma @ so3.hat(halves[k] @ a[k]), steps[k], jacobians[k], dt)
+        cov = F @ cov @ F.T + _noise(middle, dt, noise)
+        J_total = F @ J_total
+        alpha = alpha + beta * dt + 0.5 * force * dt**2
+        beta = beta + force * dt
+        gamma = gamma @ steps[k]
+    total = float(segments.dt_s.sum())
+    return Preintegrated(total, alpha, beta, gamma, J_total[:, BIAS_G.start :], cov, bias_g.copy(), bias_a.copy())
+
+
+def _transition(middle: Float, r_force_theta: Float, step: Float, jacobian: Float, dt: float) -> Float:
+    """Return the error transition of one span, (15, 15), first order in dt for the biases' part in the force."""
+    F = np.eye(SIZE)
+    F[ALPHA, BETA] = np.eye(3) * dt
+    F[ALPHA, GAMMA] = -0.5 * dt**2 * r_force_theta
+    F[BETA, GAMMA] = -dt * r_force_theta
+    F[GAMMA, GAMMA] = step.T
+    F[ALPHA, BIAS_A] = -0.5 * dt**2 * middle
+    F[BETA, BIAS_A] = -dt * middle
+    F[ALPHA, BIAS_G] = 0.25 * dt**3 * r_force_theta
+    F[BETA, BIAS_G] = 0.5 * dt**2 * r_force_theta
+    F[GAMMA, BIAS_G] = -jacobian * dt
+    return F
+
+
+def _noise(middle: Float, dt: float, noise: ImuCalibration) -> Float:
+    """Return the covariance that one span adds, (15, 15)."""
+    Q = np.zeros((SIZE, SIZE))
+    eye = np.eye(3)
+    force = noise.accelerometer_noise_density**2 * dt
+    Q[ALPHA, ALPHA] = eye * (force * dt**2 / 4.0)
+    Q[ALPHA, BETA] = Q[BETA, ALPHA] = eye * (force * dt / 2.0)
+    Q[BETA, BETA] = eye * force
+    Q[GAMMA, GAMMA] = eye * (noise.gyroscope_noise_density**2 * dt)
+    Q[BIAS_G, BIAS_G] = eye * (noise.gyroscope_random_walk**2 * dt)
+    Q[BIAS_A, BIAS_A] = eye * (noise.accelerometer_random_walk**2 * dt)
+    return Q
+
+
+class ImuBuffer:
+    """The samples since some time, cut into spans between any two times."""
+
+    def __init__(self, calibration: ImuCalibration) -> None:
+        self._means = calibration.sample_kind == "mean"
+        self._samples: list[ImuSample] = []
+
+    def add(self, sample: ImuSample) -> None:
+        """Take the next sample."""
+        self._samples.append(sample)
+
+    def forget_before(self, t_ns: int) -> None:
+        """Drop what no span after ``t_ns`` needs."""
+        keep = next((k for k, s in enumerate(self._samples) if s.t_ns > t_ns), len(self._samples))
+        del self._samples[: max(0, keep - 1)]
+
+    @property
+    def samples(self) -> tuple[ImuSample, ...]:
+        """What is held, oldest first."""
+        return tuple(self._samples)
+
+    def longest_gap_s(self, start_ns: int, end_ns: int) -> float:
+        """Return the longest time without a sample between two times."""
+        times = [start_ns, *(s.t_ns for s in self._samples if start_ns < s.t_ns < end_ns), end_ns]
+        return max(b - a for a, b in zip(times[:-1], times[1:], strict=True)) / 1e9
+
+    def segments(self, start_ns: int, end_ns: int) -> ImuSegments | None:
+        """Return the spans from ``start_ns`` to ``end_ns``; the nearest sample serves where there is none. None if empty."""
+        if not self._samples or end_ns <= start_ns:
+            return None
+        t = np.array([s.t_ns for s in self._samples], dtype=np.int64)
+        cuts = np.unique(np.concatenate([[start_ns, end_ns], t[(t > start_ns) & (t < end_ns)]]))
+        values = np.array([np.concatenate([s.gyro_I, s.accel_I]) for s in self._samples])
+        if self._means:
+            span = values[np.minimum(np.searchsorted(t, cuts[1:]), len(t) - 1)]
+        else:
+            seconds = (t - start_ns) / 1e9
+            at_cuts = np.stack([np.interp((cuts - start_ns) / 1e9, seconds, values[:, k]) for k in range(6)], axis=-1)
+            span = 0.5 * (at_cuts[:-1] + at_cuts[1:])
+        return ImuSegments(span[:, :3], span[:, 3:], np.diff(cuts) / 1e9)

@@ -9,7 +9,7 @@ CHECKOUT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(CHECKOUT))
 
 from tests.e2e.chromium import chromium_path, open_chromium  # noqa: E402
-from tests.e2e.conftest import start_dashboard  # noqa: E402
+from tests.e2e.conftest import start_dashboard, stop_dashboard  # noqa: E402
 
 SIZE = {"width": 1440, "height": 900}
 
@@ -30,7 +30,7 @@ def main() -> None:
                 time.sleep(seconds)
                 page.screenshot(path=picture)
         finally:
-            server.stop()
+            stop_dashboard(server)
     print(picture.relative_to(CHECKOUT))
 
 

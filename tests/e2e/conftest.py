@@ -7,6 +7,7 @@ import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import pytest
 from playwright.sync_api import Browser, Page
@@ -17,6 +18,8 @@ from tests.e2e.watching import Complaints
 from tests.server.running import START_S, TOKEN, Running, wait_for
 
 VIEWPORT = {"width": 1000, "height": 640}
+# Two cores render the simulator's camera and the browser's page in software.
+LIGHTER = "sim.camera.rate_hz=10"
 
 
 # Playwright's loop runs for as long as it is open: a module at a time, so that no other test finds a running loop.
@@ -39,29 +42,50 @@ class Dashboard:
     complaints: Complaints
 
 
-def start_dashboard(folder: Path) -> tuple[Running, str]:
+def start_dashboard(folder: Path, *settings: str) -> tuple[Running, str]:
     """Start ``snakeslam serve`` on a free port; return it and the one-time URL it printed."""
     config = CHECKOUT / "configs" / "sim.yaml"
     command = [sys.executable, "-m", "snakeslam", "serve", str(config), "--port", "0"]
+    command += [f"--set={setting}" for setting in settings]
     if SHARED_DATA.is_dir():
         command += ["--recordings", str(SHARED_DATA)]
     env = {**os.environ, "SNAKESLAM_TOKEN": TOKEN, "OPENBLAS_NUM_THREADS": "1"}
     process = subprocess.Popen(command, cwd=folder, env=env, stdout=subprocess.PIPE, text=True)
     running = Running(process, folder)
     while not (found := re.search(r"Open ((http://[^/]+)/login\S+)", running.next_line())):
-        assert running.out[-1], "the server ended before it was ready"
+        if not running.out[-1]:
+            code = stop_dashboard(running)
+            pytest.fail(f"the server ended with {code} before it was ready")
     running.url = found.group(2)
     return running, found.group(1)
+
+
+def stop_dashboard(server: Running) -> int:
+    """Stop the server and let go of its output."""
+    code = server.stop()
+    if server.process.stdout is not None:
+        server.process.stdout.close()
+    return code
+
+
+def wait_until_running(server: Running) -> None:
+    """Wait for the session; fail with its own words when it does."""
+    with server.client() as client:
+        state = wait_for(lambda: _settled(client.get("/api/v1/state").json()), START_S)
+    assert state["session"] == "running", state["message"]
+
+
+def _settled(state: dict[str, Any]) -> dict[str, Any] | None:
+    return None if state["session"] == "starting" else state
 
 
 @pytest.fixture(scope="module")
 def dashboard(browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Dashboard]:
     if not (CHECKOUT / "web" / "dist" / "index.html").is_file():
         pytest.fail("the page is not built: make setup")
-    server, login_url = start_dashboard(tmp_path_factory.mktemp("dashboard"))
+    server, login_url = start_dashboard(tmp_path_factory.mktemp("dashboard"), LIGHTER)
     try:
-        with server.client() as client:
-            wait_for(lambda: client.get("/api/v1/state").json()["session"] == "running", START_S)
+        wait_until_running(server)
         context = browser.new_context(viewport=VIEWPORT, reduced_motion="reduce")
         page = context.new_page()
         page.set_default_timeout(30_000)
@@ -71,5 +95,5 @@ def dashboard(browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> Ite
         yield Dashboard(server, login_url, page, complaints)
         context.close()
     finally:
-        code = server.stop()
+        code = stop_dashboard(server)
     assert code == 0

@@ -61,6 +61,15 @@ def wait_for(condition: Callable[[], Any], timeout_s: float = 20.0) -> Any:
     return value
 
 
+def children(pid: int) -> set[int]:
+    """Processes below ``pid``, at any depth."""
+    found: set[int] = set()
+    for task in Path(f"/proc/{pid}/task").glob("*/children"):
+        for child in map(int, task.read_text().split()):
+            found |= {child} | children(child)
+    return found
+
+
 def start(folder: Path, token: str | None = TOKEN, recordings: str = "") -> Running:
     env = {key: value for key, value in os.environ.items() if key != "SNAKESLAM_TOKEN"}
     env["PYTHONPATH"] = os.pathsep.join([str(CHECKOUT), *filter(None, [env.get("PYTHONPATH")])])

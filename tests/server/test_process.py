@@ -16,16 +16,7 @@ from server.main import bind
 from snakeslam.cli import main as cli
 from snakeslam.errors import InputError
 from tests.server import still_robot
-from tests.server.running import TOKEN, Running, start, wait_for
-
-
-def children(pid: int) -> set[int]:
-    """Processes below ``pid``, at any depth."""
-    found: set[int] = set()
-    for task in Path(f"/proc/{pid}/task").glob("*/children"):
-        for child in map(int, task.read_text().split()):
-            found |= {child} | children(child)
-    return found
+from tests.server.running import TOKEN, Running, children, start, wait_for
 
 
 def alive(pid: int) -> bool:

@@ -1,6 +1,7 @@
 """Scripted runs over the API: queue, progress, result, cancel."""
 
 import asyncio
+import subprocess
 import sys
 from pathlib import Path
 
@@ -8,7 +9,7 @@ import httpx
 import pytest
 
 from server import runs as runs_module
-from server.runs import Run, RunRequest, Runs, checked_overrides
+from server.runs import Run, RunRequest, Runs, checked_overrides, config_path
 from snakeslam.errors import InputError
 from tests.server.running import Running
 
@@ -175,3 +176,50 @@ def test_over_http_a_wrong_run_is_one_line(client: httpx.Client) -> None:
 def test_over_http_artifacts_are_served_by_name_only(server: Running, client: httpx.Client) -> None:
     for name in ("../run.json", "%2e%2e%2frun.json", "/etc/passwd", "estimate.tum"):
         assert client.get(f"/api/v1/runs/abc/artifacts/{name}").status_code == 404
+
+
+def niceness(pid: int) -> int:
+    return int(Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[16])
+
+
+def test_a_run_over_http_ends_with_the_estimate_of_the_command_line(
+    server: Running, client: httpx.Client, tmp_path: Path
+) -> None:
+    """The same bytes, at low priority, while the live view goes on."""
+    body = {"config": "sim", "overrides": {"gait.alpha_pi": 0.1}, "seed": 3, "duration_s": 1.0}
+    sent = client.post("/api/v1/runs", json=body)
+    assert sent.status_code == 202
+    address = sent.headers["location"]
+    before = client.get("/api/v1/state").json()["t_s"]
+    wait_for(lambda: client.get(address).json()["progress"] > 0.0, 60.0)
+    workers = [pid for pid in children(server.process.pid) if b"run_child" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+    assert [niceness(pid) for pid in workers] == [10]
+    done = wait_for(lambda: (run := client.get(address).json())["state"] not in ("queued", "running") and run, 120.0)
+    assert (done["state"], done["error"]) == ("done", None)
+    assert done["metrics"]["frames"] == 20
+    assert {"estimate.tum", "ground_truth.tum", "run.json", "map.ply"} <= set(done["artifacts"])
+    assert client.get("/api/v1/state").json()["t_s"] > before + 1.0
+    estimate = client.get(f"{address}/artifacts/estimate.tum").content
+    assert client.get(f"{address}/artifacts/..%2frun.json").status_code == 404
+
+    out = tmp_path / "cli"
+    command = ["run", str(config_path("sim")), "--set=gait.alpha_pi=0.1", "--seed=3", "--duration=1.0", f"--out={out}"]
+    subprocess.run([sys.executable, "-m", "snakeslam", *command], check=True, timeout=120, capture_output=True)
+    assert estimate
+    assert estimate == (out / "estimate.tum").read_bytes()
+
+
+def test_a_run_ends_with_its_server(tmp_path: Path) -> None:
+    """The leash of a run is its stdin: it closes however the server goes."""
+    out = tmp_path / "out"
+    arguments = ["run", str(config_path("sim")), "--duration=3600", f"--out={out}", "--progress-json"]
+    command = [sys.executable, "-m", "server.run_child", *arguments]
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.PIPE) as run:
+        assert run.stderr is not None
+        assert run.stdin is not None
+        while b"progress" not in (line := run.stderr.readline()):
+            assert line
+        run.stdin.close()
+        assert run.wait(20) != 0
+        run.stderr.read()
+    assert not list(tmp_path.iterdir())

@@ -6,7 +6,7 @@ import { byId, h } from "../dom";
 import { GaitDrawing } from "../drawing";
 import type { GaitEntry, ParameterValues, RobotState } from "../types";
 
-const FRAME_MS = 50;
+const FRAME_MS = 66;
 
 interface Card {
   entry: GaitEntry;

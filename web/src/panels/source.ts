@@ -36,8 +36,10 @@ export function mountSource(app: App): void {
   });
 }
 
-const sourceName = (state: RobotState): string =>
-  state.source.kind === "sim" ? `${state.source.name}, ${state.robot.model}` : state.source.name;
+function sourceName({ source, robot }: RobotState): string {
+  if (source.kind === "recording") return source.name;
+  return source.name === "simulator" ? robot.model : `${source.name}, ${robot.model}`;
+}
 
 class SourceDialog {
   private readonly dialog = byId("source-dialog") as HTMLDialogElement;

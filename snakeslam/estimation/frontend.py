@@ -131,7 +131,9 @@ class Frontend:
         if not len(t):
             return np.ones(n, bool), float(np.median(rest_px))
         lines = np.cross(t[:, None, :], turned[None])
-        distance = np.abs(np.sum(lines * seen[None], axis=-1)) / np.maximum(np.linalg.norm(lines[..., :2], axis=-1), 1e-9)
+        distance = np.abs(np.sum(lines * seen[None], axis=-1)) / np.maximum(
+            np.linalg.norm(lines[..., :2], axis=-1), 1e-9
+        )
         inliers = distance * self._camera.focal_px < self._settings.ransac_threshold_px
         # A feature that moved less than the threshold fits any direction.
         inliers |= rest_px < self._settings.ransac_threshold_px

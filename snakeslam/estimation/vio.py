@@ -172,9 +172,7 @@ class VisualInertialOdometry:
         for past in self._history:
             store.observe(past.t_ns, past.features.ids, past.features.xy, past.features.depth_m)
         times = [past.t_ns for past in self._history]
-        state = start_moving(
-            store.all(), times, self._imu, self._rows, self._noise, self._settings.gravity_m_s2
-        )
+        state = start_moving(store.all(), times, self._imu, self._rows, self._noise, self._settings.gravity_m_s2)
         if state is None:
             return 0
         self._begin(state, events, "initialised in motion")
@@ -306,7 +304,9 @@ class VisualInertialOdometry:
     ) -> FrameEstimate:
         pose = None
         if state is not None:
-            pose = PoseEstimate(frame.t_ns, state.T_WI, state.v_W, state.cov[POSE_AND_VELOCITY, POSE_AND_VELOCITY], health)
+            pose = PoseEstimate(
+                frame.t_ns, state.T_WI, state.v_W, state.cov[POSE_AND_VELOCITY, POSE_AND_VELOCITY], health
+            )
         px, ids, inliers = _overlay(seen.features if seen is not None else None)
         return FrameEstimate(frame.t_ns, frame.seq, pose, health, px, ids, inliers, tuple(events))
 

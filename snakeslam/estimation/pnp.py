@@ -1,0 +1,146 @@
+"""The camera's pose from points of the map: robust Gauss-Newton on SE(3), and a start by RANSAC.
+
+With q = T_WC^-1 p_W and the right perturbation T_WC Exp((rho, theta)): q' = q - rho + [q]x theta. Rows are
+(x/z, y/z) in the normalised picture and, where measured, z.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from snakeslam.geometry import se3, so3
+from snakeslam.messages import Float
+
+MIN_Z_M = 0.05
+HUBER = 2.0
+GATE_XY = 9.21
+"""99 % of chi-square with two degrees of freedom."""
+GATE_Z = 9.0
+ROUNDS = 4
+STEPS_PER_ROUND = 3
+CONVERGED = 1e-7
+DAMPING = 1e-6
+MIN_POINTS = 4
+RANSAC_ITERATIONS = 200
+RANSAC_CONFIDENCE = 0.999
+
+
+@dataclass(frozen=True, slots=True)
+class Sightings:
+    """Map points ``points_W`` (N, 3) m seen at ``xyz`` (N, 3): normalised x, y, depth in m; with 1/sigma (N, 3), 0 = unused."""
+
+    points_W: Float
+    xyz: Float
+    weights: Float
+
+    def take(self, chosen: NDArray[np.bool_] | NDArray[np.int64]) -> "Sightings":
+        """Return some of them."""
+        return Sightings(self.points_W[chosen], self.xyz[chosen], self.weights[chosen])
+
+
+@dataclass(frozen=True, slots=True)
+class PoseFit:
+    """``T_WC`` (4, 4), ``cov`` (6, 6) of its right perturbation (rho, theta), and which sightings agree (N,)."""
+
+    T_WC: Float
+    cov: Float
+    inliers: NDArray[np.bool_]
+
+
+def residuals(T_WC: Float, seen: Sightings) -> Float:
+    """Return whitened (N, 3) rows (measured - predicted); points behind the camera get rows far over every gate."""
+    q = se3.act(se3.inv(T_WC), seen.points_W)
+    z = np.maximum(q[:, 2], MIN_Z_M)
+    predicted = np.stack([q[:, 0] / z, q[:, 1] / z, q[:, 2]], axis=-1)
+    r = (seen.xyz - predicted) * seen.weights
+    r[q[:, 2] < MIN_Z_M] = 1e3
+    return r
+
+
+def jacobian(T_WC: Float, seen: Sightings) -> Float:
+    """Return d residuals / d (rho, theta), (N, 3, 6)."""
+    q = se3.act(se3.inv(T_WC), seen.points_W)
+    z = np.maximum(q[:, 2], MIN_Z_M)
+    h_D_q = np.zeros((len(q), 3, 3))
+    h_D_q[:, 0, 0] = h_D_q[:, 1, 1] = 1.0 / z
+    h_D_q[:, 0, 2], h_D_q[:, 1, 2] = -q[:, 0] / z**2, -q[:, 1] / z**2
+    h_D_q[:, 2, 2] = 1.0
+    q_D_pose = np.concatenate([np.broadcast_to(-np.eye(3), (len(q), 3, 3)), so3.hat(q)], axis=-1)
+    return -seen.weights[..., None] * (h_D_q @ q_D_pose)
+
+
+def refine_pose(T_WC: Float, seen: Sightings) -> PoseFit | None:
+    """Return the robust least-squares pose near ``T_WC``; None with fewer than four points in agreement.
+
+    Rounds of Gauss-Newton with Huber weights, each on the points that the round before agrees with.
+    """
+    inliers = np.ones(len(seen.xyz), bool)
+    information = np.eye(6)
+    for _ in range(ROUNDS):
+        if inliers.sum() < MIN_POINTS:
+            return None
+        T_WC, information = _gauss_newton(T_WC, seen.take(inliers))
+        inliers = agreeing(residuals(T_WC, seen))
+    if inliers.sum() < MIN_POINTS or not np.all(np.isfinite(T_WC)):
+        return None
+    return PoseFit(T_WC, np.linalg.inv(information + DAMPING * np.eye(6)), inliers)
+
+
+def agreeing(r: Float) -> NDArray[np.bool_]:
+    """Return which whitened rows (N, 3) pass the chi-square gates."""
+    return np.asarray((np.sum(r[:, :2] ** 2, axis=-1) < GATE_XY) & (r[:, 2] ** 2 < GATE_Z))
+
+
+def _gauss_newton(T_WC: Float, seen: Sightings) -> tuple[Float, Float]:
+    information = np.eye(6)
+    for _ in range(STEPS_PER_ROUND):
+        r, J = residuals(T_WC, seen), jacobian(T_WC, seen)
+        w = _huber(r)
+        Jw = J * w[..., None]
+        information = np.einsum("nij,nik->jk", Jw, J)
+        step = -np.linalg.solve(information + DAMPING * np.eye(6), np.einsum("nij,ni->j", Jw, r))
+        T_WC = T_WC @ se3.exp(step)
+        if np.max(np.abs(step)) < CONVERGED:
+            break
+    return T_WC, information
+
+
+def _huber(r: Float) -> Float:
+    """Return the weights of rows (N, 3): one for the picture's pair, one for the depth."""
+    xy = np.linalg.norm(r[:, :2], axis=-1)
+    z = np.abs(r[:, 2])
+    w_xy = HUBER / np.maximum(xy, HUBER)
+    w_z = HUBER / np.maximum(z, HUBER)
+    return np.stack([w_xy, w_xy, w_z], axis=-1)
+
+
+def ransac_pose(seen: Sightings, focal_px: float, threshold_px: float, seed: int) -> Float | None:
+    """Return T_WC from three-point samples that most points agree with, or None; the same seed gives the same pose."""
+    if len(seen.xyz) < MIN_POINTS:
+        return None
+    parameters = cv2.UsacParams()
+    parameters.randomGeneratorState = seed
+    parameters.confidence = RANSAC_CONFIDENCE
+    parameters.maxIterations = RANSAC_ITERATIONS
+    parameters.threshold = threshold_px
+    parameters.score = cv2.SCORE_METHOD_MSAC
+    parameters.sampler = cv2.SAMPLING_UNIFORM
+    parameters.loMethod = cv2.LOCAL_OPTIM_INNER_LO
+    parameters.final_polisher = cv2.NONE_POLISHER
+    K = np.diag([focal_px, focal_px, 1.0])
+    try:
+        found, _, rvec, tvec, _ = cv2.solvePnPRansac(
+            np.ascontiguousarray(seen.points_W),
+            np.ascontiguousarray(seen.xyz[:, :2] * focal_px),
+            K,
+            None,
+            params=parameters,
+        )
+    except cv2.error:
+        return None
+    if not found or rvec is None or not np.all(np.isfinite(rvec)):
+        return None
+    T_CW = se3.from_rt(so3.exp(np.ravel(rvec)), np.ravel(tvec))
+    return se3.inv(T_CW)

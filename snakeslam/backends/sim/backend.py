@@ -45,6 +45,7 @@ class SimBackend:
             model, settings.physics, settings.friction_ratio, pose_with_head_at(model, 0.0, 0.0), client_id=client
         )
         place_world(world(settings.world, np.random.default_rng([seed, WORLD_STREAM])), client)
+        self._renderer.warm_up()
         self._camera = Camera(settings.camera, cam0.intrinsics, np.random.default_rng([seed, CAMERA_STREAM]))
         self._imu = Imu.switched_on(settings.imu, np.random.default_rng([seed, IMU_STREAM]))
         self._servos = ServoSensors(model.joint_count, 1.0 / CONTROL_RATE_HZ)

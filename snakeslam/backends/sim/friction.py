@@ -25,12 +25,17 @@ class CoulombFriction:
         the unit normal out of the ground, ``along_W`` (C, 3) the link's axis; where that stands on the ground any pair
         of directions serves, with the same coefficients.
         """
-        t_W = along_W - np.sum(along_W * normal_W, axis=-1, keepdims=True) * normal_W
-        t_W = t_W / np.maximum(np.linalg.norm(t_W, axis=-1, keepdims=True), 1e-9)
-        b_W = cross(normal_W, t_W)
-        v_t, v_b = np.sum(velocity_W * t_W, axis=-1), np.sum(velocity_W * b_W, axis=-1)
-        scale = -load_n / np.sqrt(v_t**2 + v_b**2 + self.slip_m_s**2)
-        return (scale * self.mu_tangential * v_t)[:, None] * t_W + (scale * self.mu_normal * v_b)[:, None] * b_W
+        t_W = along_W - _dot(along_W, normal_W) * normal_W
+        t_W = t_W / np.maximum(np.sqrt(_dot(t_W, t_W)), 1e-9)
+        slip_W = velocity_W - _dot(velocity_W, normal_W) * normal_W
+        along = _dot(slip_W, t_W) * t_W
+        scale = -load_n[:, None] / np.sqrt(_dot(slip_W, slip_W) + self.slip_m_s**2)
+        return scale * (self.mu_normal * slip_W + (self.mu_tangential - self.mu_normal) * along)
+
+
+def _dot(a: Float, b: Float) -> Float:
+    """Return a . b of each row, (C, 1)."""
+    return np.einsum("ci,ci->c", a, b)[:, None]
 
 
 def cross(a: Float, b: Float) -> Float:

@@ -68,9 +68,11 @@ def box(centre_W: Sequence[float], size_m: Sequence[float], yaw_rad: float = 0.0
     return merge(sides)
 
 
-def rock(rng: np.random.Generator, centre_W: Sequence[float], size_m: Sequence[float], tile_m: float) -> Mesh:
+def rock(
+    rng: np.random.Generator, centre_W: Sequence[float], size_m: Sequence[float], tile_m: float, cells: int = 6
+) -> Mesh:
     """Return a broken stone: a box-mapped sphere flattened by random planes, flat shaded, inside ``size_m``."""
-    grid = np.linspace(-1.0, 1.0, 7)
+    grid = np.linspace(-1.0, 1.0, cells + 1)
     a, b = np.meshgrid(np.tan(grid * np.pi / 4), np.tan(grid * np.pi / 4), indexing="ij")
     directions = rng.normal(size=(9, 3))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)

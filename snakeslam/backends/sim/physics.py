@@ -82,8 +82,9 @@ class SnakePhysics:
         R_WH = so3.matrix_from_quat_wxyz(np.roll(self._quat_xyzw[-1], 1))
         T_WH = se3.from_rt(R_WH, self._com_W[-1] - R_WH @ self.model.com_L)
         T_WI = T_WH @ self.model.T_HI
-        v_W = self._v_W[-1] + np.cross(self._w_W[-1], T_WI[:3, 3] - self._com_W[-1])
-        return T_WI, v_W, T_WI[:3, :3].T @ self._w_W[-1]
+        v_com_W, w_W = self._twist_W[-1, :3], self._twist_W[-1, 3:]
+        v_W = v_com_W + so3.hat(w_W) @ (T_WI[:3, 3] - self._com_W[-1])
+        return T_WI, v_W, T_WI[:3, :3].T @ w_W
 
     def joint_state(self) -> tuple[Float, Float, Float]:
         """Return true angles (rad), rates (rad/s) and servo torques (N m), each (N,)."""
@@ -184,20 +185,20 @@ class SnakePhysics:
     def _apply_friction(self) -> None:
         """Push each contact of the last step with the friction law, at the load it carried and its velocity."""
         client, body = self.client_id, self._body_id
-        twist_W = np.concatenate([self._v_W, self._w_W], axis=1)
-        self._slow_twist_W = FRICTION_MEMORY * self._slow_twist_W + (1.0 - FRICTION_MEMORY) * twist_W
+        self._slow_twist_W = FRICTION_MEMORY * self._slow_twist_W + (1.0 - FRICTION_MEMORY) * self._twist_W
         contacts: list[Any] = [c for c in pybullet.getContactPoints(body, physicsClientId=client) if c[9] > 0.0]
         if not contacts:
             return
         link = np.array([c[3] for c in contacts]) + 1
-        point_W = np.array([c[5] for c in contacts])
-        normal_W = np.array([c[7] for c in contacts])
-        load_n = np.array([c[9] for c in contacts])
-        v_W, w_W = self._slow_twist_W[link, :3], self._slow_twist_W[link, 3:]
-        velocity_W = v_W + cross(w_W, point_W - self._com_W[link])
-        forces_W = self._friction.forces(load_n, velocity_W, normal_W, _x_axis(self._quat_xyzw[link]))
-        for index, force, point in zip((link - 1).tolist(), forces_W.tolist(), point_W.tolist(), strict=True):
-            pybullet.applyExternalForce(body, index, force, point, pybullet.WORLD_FRAME, physicsClientId=client)
+        rows = np.array([(*c[5], *c[7], c[9]) for c in contacts])
+        point_W, normal_W, load_n = rows[:, :3], rows[:, 3:6], rows[:, 6]
+        twist_W = self._slow_twist_W[link]
+        velocity_W = twist_W[:, :3] + cross(twist_W[:, 3:], point_W - self._com_W[link])
+        forces_W = self._friction.forces(load_n, velocity_W, normal_W, _x_axes(self._quat_xyzw)[link])
+        for contact, force in zip(contacts, forces_W.tolist(), strict=True):
+            pybullet.applyExternalForce(
+                body, contact[3], force, contact[5], pybullet.WORLD_FRAME, physicsClientId=client
+            )
 
     def _read(self) -> None:
         client, body = self.client_id, self._body_id
@@ -207,13 +208,9 @@ class SnakePhysics:
             body, self._joints, computeLinkVelocity=1, computeForwardKinematics=1, physicsClientId=client
         )
         joints: Any = pybullet.getJointStates(body, self._joints, physicsClientId=client)
-        self._com_W = np.array([com_W, *(s[0] for s in links)])
-        self._quat_xyzw = np.array([quat_xyzw, *(s[1] for s in links)])
-        self._v_W = np.array([v_W, *(s[6] for s in links)])
-        self._w_W = np.array([w_W, *(s[7] for s in links)])
-        self._q_rad = np.array([s[0] for s in joints])
-        self._dq_rad_s = np.array([s[1] for s in joints])
-        self._torque_nm = np.array([s[3] for s in joints])
+        state = np.array([(*com_W, *quat_xyzw, *v_W, *w_W), *((*s[0], *s[1], *s[6], *s[7]) for s in links)])
+        self._com_W, self._quat_xyzw, self._twist_W = state[:, :3], state[:, 3:7], state[:, 7:]
+        self._q_rad, self._dq_rad_s, self._torque_nm = np.array([(s[0], s[1], s[3]) for s in joints]).T
 
 
 def lying_pose(model: SnakeModel, x_m: float = 0.0, y_m: float = 0.0, yaw_rad: float = 0.0) -> Float:
@@ -229,7 +226,7 @@ def pose_with_head_at(model: SnakeModel, x_m: float, y_m: float, yaw_rad: float 
     return T_W_base
 
 
-def _x_axis(quat_xyzw: Float) -> Float:
-    """Return the x axis of unit quaternions, (C, 4) -> (C, 3)."""
+def _x_axes(quat_xyzw: Float) -> Float:
+    """Return the x axes of unit quaternions, (L, 4) -> (L, 3)."""
     x, y, z, w = quat_xyzw.T
     return np.stack([1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + z * w), 2.0 * (x * z - y * w)], axis=-1)

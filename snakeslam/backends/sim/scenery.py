@@ -9,7 +9,9 @@ from snakeslam.backends.sim import meshes
 from snakeslam.backends.sim.meshes import Mesh
 from snakeslam.backends.sim.textures import Texture
 
-PICTURE_GAP_M = 0.012
+PICTURE_GAP_M = 0.04
+"""Far enough from the wall for the depth buffer to tell them apart at 10 m."""
+BAND_GAP_M = 0.02
 WALL_THICKNESS_M = 0.4
 
 

@@ -23,16 +23,16 @@ def grain(rng: np.random.Generator, size: int, coarsest: int = 4, persistence: f
     The first octave has ``coarsest`` cells a side, each next one twice as many down to cells of ``finest`` px;
     ``persistence`` is the ratio of their amplitudes. ``size`` and ``coarsest`` are powers of two.
     """
-    total = np.zeros((size, size), np.float32)
-    cells, amplitude, power = coarsest, 1.0, 0.0
-    while cells <= size // finest:
-        scale = size // cells
-        values = np.pad(rng.standard_normal((cells, cells), dtype=np.float32), 2, mode="wrap")
-        smooth = cv2.resize(values, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC)
-        total += np.float32(amplitude) * smooth[2 * scale : 2 * scale + size, 2 * scale : 2 * scale + size]
-        power += amplitude**2
+    total = rng.standard_normal((coarsest, coarsest), dtype=np.float32)
+    cells, amplitude, power = coarsest, 1.0, 1.0
+    while cells < size:
+        padded = np.pad(total, 2, mode="wrap")
+        total = cv2.resize(padded, None, fx=2, fy=2, interpolation=cv2.INTER_CUBIC)[4:-4, 4:-4]
         cells, amplitude = cells * 2, amplitude * persistence
-    return total / np.float32(np.sqrt(power) * 0.75)
+        if cells <= size // finest:
+            total = total + np.float32(amplitude) * rng.standard_normal((cells, cells), dtype=np.float32)
+            power += amplitude**2
+    return np.asarray(total / np.float32(np.sqrt(power) * 0.75), np.float32)
 
 
 def tinted(colour: Colour, shade: Grain | Float) -> Texture:
@@ -54,12 +54,13 @@ def chips(
     rng: np.random.Generator, image: Texture, count: int, radius_px: tuple[float, float], colours: Sequence[Colour]
 ) -> None:
     """Scatter angular chips of the given colours and radii over ``image``, in place."""
+    low, high = np.log(radius_px)
     for _ in range(count):
-        radius = float(np.exp(rng.uniform(np.log(radius_px[0]), np.log(radius_px[1]))))
+        radius = float(np.exp(rng.uniform(low, high)))
         angles = np.sort(rng.uniform(0, 2 * np.pi, 6))
         shape = np.stack([np.cos(angles), np.sin(angles)], 1) * radius * rng.uniform(0.5, 1.0, (6, 1))
-        colour = np.asarray(colours[rng.integers(len(colours))]) * rng.uniform(0.75, 1.2)
-        tone = tuple(float(v) for v in np.clip(colour, 0, 255))
+        colour, light = colours[int(rng.integers(len(colours)))], rng.uniform(0.75, 1.2)
+        tone = tuple(min(255.0, float(v) * light) for v in colour)
 
         def draw(at: Float, shape: Float = shape, tone: tuple[float, ...] = tone) -> None:
             cv2.fillConvexPoly(image, np.rint((at + shape) * 8).astype(np.int32), tone, cv2.LINE_AA, 3)
@@ -106,7 +107,7 @@ def terrazzo(rng: np.random.Generator, size: int = 2048, tiles: int = 4) -> Text
 
 def carpet(rng: np.random.Generator, size: int = 2048, tiles: int = 4) -> Texture:
     """Return a floor of carpet tiles: coloured flecks, a woven direction that turns from tile to tile, wear."""
-    weave = grain(rng, size, 64, 0.9)
+    weave = grain(rng, size, 256, 0.9)
     along = cv2.GaussianBlur(weave, (1, 9), 0, sigmaY=3, borderType=cv2.BORDER_REFLECT)
     side = size // tiles
     shade = np.empty((size, size), np.float32)
@@ -114,9 +115,9 @@ def carpet(rng: np.random.Generator, size: int = 2048, tiles: int = 4) -> Textur
         for column in range(tiles):
             block = np.s_[row * side : (row + 1) * side, column * side : (column + 1) * side]
             part = along[block] if (row + column) % 2 else np.ascontiguousarray(along[block].T)
-            shade[block] = 0.2 * part + rng.normal(0, 0.08)
+            shade[block] = 0.1 * part + rng.normal(0, 0.1)
     image = tinted((92, 104, 122), shade + 0.06 * grain(rng, size, 4, 0.6))
-    chips(rng, image, 2600, (2.0, 7.0), [(150, 158, 170), (58, 64, 78), (168, 140, 96), (112, 70, 66)])
+    chips(rng, image, 9000, (1.5, 8.0), [(150, 158, 170), (58, 64, 78), (168, 140, 96), (112, 70, 66)])
     return stains(rng, image, 0.18)
 
 
@@ -125,7 +126,7 @@ def gravel(rng: np.random.Generator, size: int = 2048) -> Texture:
     image = tinted((128, 112, 92), 0.16 * grain(rng, size, 8, 0.75))
     stone = [(150, 144, 134), (104, 98, 92), (176, 166, 148), (120, 92, 76), (84, 82, 84)]
     chips(rng, image, 2600, (3.0, 9.0), [(70, 60, 50), (58, 52, 46)])
-    chips(rng, image, 3200, (2.5, 18.0), stone)
+    chips(rng, image, 6500, (2.0, 16.0), stone)
     chips(rng, image, 60, (25.0, 60.0), stone)
     worn = image * (1.0 + 0.12 * grain(rng, size, 32, 0.85)[..., None])
     return stains(rng, np.clip(worn, 0, 255).astype(np.uint8), 0.22)

@@ -10,7 +10,7 @@ import numpy as np
 
 from snakeslam.backends.sim import meshes, textures
 from snakeslam.backends.sim.meshes import Mesh
-from snakeslam.backends.sim.scenery import Room, World
+from snakeslam.backends.sim.scenery import BAND_GAP_M, Room, World
 from snakeslam.backends.sim.settings import WorldName
 
 CLEAR_M = 2.4
@@ -33,7 +33,7 @@ def corridor(rng: np.random.Generator) -> World:
     """A wide hallway along x: brick and plaster walls, doors, posters, pilasters, boxes, papers on the floor."""
     room, made = Room(-6.5, 10.0, -3.0, 3.0, 2.6), World()
     made.obstacles += room.barriers()
-    brick = room.walls(SIDES, 1.6, 0.0, 0.9, 0.006)
+    brick = room.walls(SIDES, 1.6, 0.0, 0.9, BAND_GAP_M)
     for k, x in enumerate(np.arange(-5.5, 10.0, 3.0).tolist()):
         y = 2.88 if k % 2 else -2.88
         brick.append(meshes.box(*made.block(x + rng.uniform(-0.3, 0.3), y, (0.35, 0.25, 2.6)), tile_m=1.6))
@@ -58,7 +58,7 @@ def office(rng: np.random.Generator) -> World:
     made.add(textures.carpet(rng), [room.floor(2.0)])
     made.add(textures.plaster(rng, (184, 190, 194), wear=0.6), room.walls(SIDES, 2.4, 0.0, 2.7))
     made.add(textures.ceiling(rng), [room.ceiling(1.2)])
-    wood: list[Mesh] = room.walls(SIDES, 0.8, 0.0, 0.1, 0.01)
+    wood: list[Mesh] = room.walls(SIDES, 0.8, 0.0, 0.1, BAND_GAP_M)
     dark: list[Mesh] = []
     for x in np.arange(-5.2, 8.5, 2.3).tolist():
         for y in (-3.1, 3.1):
@@ -73,7 +73,10 @@ def office(rng: np.random.Generator) -> World:
 
 
 def rubble(rng: np.random.Generator) -> World:
-    """Open ground between broken walls, with stones and brick lumps of all sizes; no ceiling."""
+    """Open ground between broken walls, with stones and lumps of masonry; no ceiling.
+
+    Pebbles under 4 cm lie about too, loose: they do not stop the robot.
+    """
     room, made = Room(-8.0, 10.5, -7.0, 7.0, 4.5), World()
     made.obstacles += room.barriers()
     made.add(textures.gravel(rng), [room.floor(2.6)])
@@ -91,6 +94,10 @@ def rubble(rng: np.random.Generator) -> World:
         masonry.append(
             meshes.box(*made.block(x, y, (1.4, 0.3, rng.uniform(0.3, 1.6)), rng.uniform(0, np.pi)), tile_m=1.6)
         )
+    for k in range(260):
+        size = rng.uniform(0.012, 0.035)
+        spot = (rng.uniform(-4.0, AHEAD_M + 2.0), rng.uniform(-3.0, 3.0), 0.1 * size)
+        heaps[k % 2].append(meshes.rock(rng, spot, (size, 0.8 * size, 0.7 * size), 0.5, 2))
     made.add(textures.bricks(rng), masonry)
     made.add(textures.stone(rng, (146, 138, 126)), heaps[0])
     made.add(textures.stone(rng, (124, 106, 92)), heaps[1])
@@ -101,28 +108,40 @@ def blank(rng: np.random.Generator) -> World:
     """A hall of smooth paint and one floor covering: a skirting, two doors, few notices and little else to see."""
     room, made = Room(-6.5, 10.0, -3.2, 3.2, 2.6), World()
     made.obstacles += room.barriers()
-    made.add(textures.plaster(rng, (150, 152, 150), wear=0.08), [room.floor(3.0)])
+    made.add(textures.plaster(rng, (150, 152, 150), wear=0.15), [room.floor(3.0)])
     made.add(textures.plaster(rng, (196, 196, 190), wear=0.0), room.walls(SIDES, 4.0, 0.0, 2.6))
     made.add(textures.plaster(rng, (204, 204, 202), wear=0.0), [room.ceiling(4.0)])
-    made.add(textures.plaster(rng, (96, 92, 88), 512, wear=0.0), room.walls(SIDES, 2.0, 0.0, 0.12, 0.008))
+    made.add(textures.plaster(rng, (96, 92, 88), 512, wear=0.0), room.walls(SIDES, 2.0, 0.0, 0.12, BAND_GAP_M))
     made.add(textures.door(rng), [room.hang("left", 2.5, 0.0, 0.95, 2.05), room.hang("front", -1.0, 0.0, 0.95, 2.05)])
-    _hang_posters(rng, made, room, 2, 5)
+    _hang_posters(rng, made, room, 2, 9)
     return made
 
 
 def _hang_posters(rng: np.random.Generator, made: World, room: Room, kinds: int, count: int) -> None:
     sheets = [textures.poster(rng) for _ in range(kinds)]
     placed: list[list[Mesh]] = [[] for _ in sheets]
+    taken: list[tuple[str, float, float]] = []
     for k in range(count):
-        side = SIDES[int(rng.choice(4, p=[0.36, 0.36, 0.06, 0.22]))]
-        low, high = (room.x0, room.x1) if side in ("left", "right") else (room.y0, room.y1)
         width = rng.uniform(0.35, 0.75)
-        mesh = room.hang(side, rng.uniform(low + 0.6, high - 0.6), rng.uniform(0.25, 1.35), width, width * 1.5)
-        # A millimetre apart, so that sheets that overlap do not flicker.
-        lifted = mesh.vertices_W + mesh.normals_W * 0.001 * (k + 1)
-        placed[k % kinds].append(meshes.Mesh(lifted, mesh.normals_W, mesh.uvs, mesh.triangles))
+        side, along = _free_wall(rng, room, taken, width)
+        placed[k % kinds].append(room.hang(side, along, rng.uniform(0.25, 1.35), width, width * 1.5))
     for sheet, shapes in zip(sheets, placed, strict=True):
         made.add(sheet, shapes)
+
+
+def _free_wall(
+    rng: np.random.Generator, room: Room, taken: list[tuple[str, float, float]], width_m: float
+) -> tuple[str, float]:
+    """Return a side and a place on it that no other sheet has, and note it in ``taken``; at last any place."""
+    side, along = "left", 0.0
+    for _ in range(20):
+        side = SIDES[int(rng.choice(4, p=[0.36, 0.36, 0.06, 0.22]))]
+        low, high = (room.x0, room.x1) if side in ("left", "right") else (room.y0, room.y1)
+        along = rng.uniform(low + 0.6, high - 0.6)
+        if all(side != s or abs(along - a) > (width_m + w) / 2.0 + 0.05 for s, a, w in taken):
+            break
+    taken.append((side, along, width_m))
+    return side, along
 
 
 def _stack_boxes(rng: np.random.Generator, made: World, room: Room, count: int) -> None:
@@ -168,9 +187,8 @@ def _stand_shelves(rng: np.random.Generator, made: World, room: Room) -> None:
 def _desk(rng: np.random.Generator, made: World, wood: list[Mesh], dark: list[Mesh], x_m: float, y_m: float) -> None:
     """Add a desk with legs, a drawer unit and, mostly, a chair's foot and seat."""
     wood.append(meshes.box(*made.block(x_m, y_m, (1.5, 0.75, 0.04), low_m=0.7), tile_m=0.9))
-    for dx in (-0.7, 0.7):
-        for dy in (-0.33, 0.33):
-            dark.append(meshes.box(*made.block(x_m + dx, y_m + dy, (0.05, 0.05, 0.7)), tile_m=0.5))
+    feet = [(x_m + dx, y_m + dy) for dx in (-0.7, 0.7) for dy in (-0.33, 0.33)]
+    dark += [meshes.box(*made.block(x, y, (0.05, 0.05, 0.7)), tile_m=0.5) for x, y in feet]
     wood.append(meshes.box(*made.block(x_m + rng.uniform(-0.4, 0.4), y_m, (0.42, 0.55, 0.6)), tile_m=0.9))
     if rng.random() < 0.7:
         x, y = x_m + rng.uniform(-0.5, 0.5), y_m - np.sign(y_m) * 0.38

@@ -11,7 +11,7 @@ import pytest
 from server import runs as runs_module
 from server.runs import Run, RunRequest, Runs, checked_overrides, config_path
 from snakeslam.errors import InputError
-from tests.server.running import Running
+from tests.server.running import Running, children, wait_for
 
 FAKE = """
 import json, os, sys, time

@@ -1,5 +1,6 @@
 """The telemetry stream, as a page or a script gets it."""
 
+import asyncio
 import json
 import socket
 import struct
@@ -9,8 +10,11 @@ from itertools import pairwise
 import cv2
 import httpx
 import numpy as np
+import pytest
 from websockets.sync.client import ClientConnection, connect
 
+from server.metrics import Metrics
+from server.telemetry import Client
 from tests.server.running import TOKEN, Running
 
 BEARER = {"Authorization": f"Bearer {TOKEN}"}
@@ -104,3 +108,28 @@ def test_what_a_client_says_is_ignored(server: Running) -> None:
         stream.send("stop!")
         stream.send(b"\x00" * 1000)
         assert texts(collect(stream, 0.5), "tick")
+
+
+def test_a_queue_keeps_the_newest_of_each_kind_and_the_last_events() -> None:
+    queue = Client(Metrics())
+    for k in range(300):
+        queue.put("tick", f"tick {k}")
+        queue.put("picture", bytes([k % 256]))
+        queue.put("state", f"state {k}")
+        queue.put_event(f"event {k}")
+    batch = asyncio.run(queue.next())
+    assert batch[0] == "state 299"
+    assert batch[1:-2] == [f"event {k}" for k in range(200, 300)]
+    assert batch[-2:] == ["tick 299", bytes([299 % 256])]
+
+
+def test_a_queue_without_news_waits() -> None:
+    queue = Client(Metrics())
+    queue.put("tick", "only")
+
+    async def twice() -> None:
+        assert await queue.next() == ["only"]
+        await asyncio.wait_for(queue.next(), 0.05)
+
+    with pytest.raises(TimeoutError):
+        asyncio.run(twice())

@@ -158,8 +158,8 @@ class SnakeModel:
 
 _LIMITS = JointLimits(position_rad=float(np.deg2rad(95.0)), rate_rad_s=6.0, acceleration_rad_s2=40.0)
 PRESETS: dict[ModelName, SnakeModel] = {
-    "sim35": SnakeModel("sim35", 35, 0.08995, 0.032, 0.25, _LIMITS),
-    "orthogonal24": SnakeModel("orthogonal24", 24, 0.096, 0.032, 0.30, _LIMITS),
+    "sim35": SnakeModel("sim35", 35, 0.08995, 0.032, 0.2, _LIMITS),
+    "orthogonal24": SnakeModel("orthogonal24", 24, 0.096, 0.032, 0.22, _LIMITS),
 }
 
 

@@ -1,5 +1,6 @@
 """The command line: exit codes, one line for a user's mistake, the last line of --json, the run directory."""
 
+import itertools
 import json
 import os
 import signal
@@ -205,24 +206,24 @@ def test_the_same_seed_gives_the_same_bytes(cli: Cli, tmp_path: Path, checkout: 
 
 def test_a_cancelled_run_leaves_nothing(tmp_path: Path, checkout: Path) -> None:
     command = [sys.executable, "-m", "snakeslam", "run", str(checkout / "configs/sim.yaml"), "--duration", "600"]
-    process = subprocess.Popen(
+    with subprocess.Popen(
         [*command, "--out", "deep/run", "--progress-json"],
         cwd=tmp_path,
         env=os.environ | {"PYTHONPATH": str(checkout)},
         stderr=subprocess.PIPE,
         stdout=subprocess.PIPE,
         text=True,
-    )
-    try:
-        assert process.stderr is not None
-        # PyBullet greets on stderr before the first step.
-        first = next(line for line in process.stderr if line.startswith("{"))
-        assert json.loads(first)["progress"] < 0.1
-        assert (tmp_path / "deep").exists()
-        process.send_signal(signal.SIGTERM)
-        out, _ = process.communicate(timeout=30)
-    finally:
-        process.kill()
+    ) as process:
+        try:
+            assert process.stderr is not None
+            # PyBullet greets on stderr before the first step.
+            said = list(itertools.takewhile(lambda line: not line.startswith("{"), process.stderr))
+            assert process.poll() is None, "".join(said)
+            assert (tmp_path / "deep").exists()
+            process.send_signal(signal.SIGTERM)
+            out, _ = process.communicate(timeout=60)
+        finally:
+            process.kill()
     assert process.returncode == 143
     assert out == ""
     assert files(tmp_path) == []

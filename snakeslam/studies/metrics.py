@@ -124,7 +124,7 @@ def evaluate(
         rpe_1s=RelativeErrors(*rpe) if isinstance(rpe, RelativeError) else RelativeErrors(),
         tracked_fraction=len(tracked) / len(updates) if updates else None,
         resets=sum(update.events.count("reset") for update in updates),
-        nees=consistency([pose for pose, ok in zip(tracked, known, strict=True) if ok], Ts_matched),
+        nees=consistency([pose for pose, ok in zip(tracked, known, strict=True) if ok], Ts_matched, gravity_known),
         head=HeadMotion() if head is None else head_motion(true.at(true.t_ns >= head.from_ns), head.period_s),
         speed_m_s=net_speed_m_s(walked),
         ms_per_frame=frame_times(frame_ms),
@@ -158,17 +158,15 @@ def absolute_error(estimate: Trajectory, Ts_true: Float, gravity_known: bool) ->
     return AbsoluteError(posyaw=posyaw, se3=ate_m(p, p_true, align_se3(p, p_true)))
 
 
-def consistency(poses: Sequence[PoseEstimate], Ts_true: Float) -> Consistency:
+def consistency(poses: Sequence[PoseEstimate], Ts_true: Float, gravity_known: bool) -> Consistency:
     """Return mean e^T P^-1 e of position (e = p_true - p) and orientation (e = Log(R^T R_true)), [Bar-Shalom01].
 
-    The truth is brought to the estimate's world by the yaw and position of the first pose, which that world is defined
-    by; poses without a positive definite covariance are left out.
+    The truth is brought to the estimate's world by its first pose, which that world is defined by: by yaw and position
+    where gravity is known, else by the whole pose. Poses without a positive definite covariance are left out.
     """
     if len(poses) < MIN_POSES_TO_ALIGN:
         return Consistency()
-    first = poses[0].T_WI
-    R = so3.from_yaw(_yaw_between(Ts_true[0, :3, :3], first[:3, :3]))
-    T = se3.from_rt(R, first[:3, 3] - R @ Ts_true[0, :3, 3])
+    T = _first_alignment(poses[0].T_WI, Ts_true[0], gravity_known)
     position: list[float] = []
     orientation: list[float] = []
     for pose, T_true in zip(poses[1:], T @ Ts_true[1:], strict=True):
@@ -177,6 +175,13 @@ def consistency(poses: Sequence[PoseEstimate], Ts_true: Float) -> Consistency:
         _append_nees(position, e_p, pose.cov[3:6, 3:6])
         _append_nees(orientation, e_theta, pose.cov[:3, :3])
     return Consistency(position=_mean(position), orientation=_mean(orientation))
+
+
+def _first_alignment(T_estimate: Float, T_true: Float, gravity_known: bool) -> Float:
+    if not gravity_known:
+        return T_estimate @ se3.inv(T_true)
+    R = so3.from_yaw(_yaw_between(T_true[:3, :3], T_estimate[:3, :3]))
+    return se3.from_rt(R, T_estimate[:3, 3] - R @ T_true[:3, 3])
 
 
 def head_motion(head: Trajectory, period_s: float) -> HeadMotion:

@@ -185,9 +185,10 @@ def test_resets_are_counted() -> None:
     assert judge([again[0], again[1], again[1]], []).resets == 2
 
 
+@pytest.mark.parametrize("gravity_known", [True, False])
 @pytest.mark.parametrize("scale", [1.0, 4.0])
-def test_nees_is_three_when_the_covariance_is_right(scale: float) -> None:
-    """A covariance ``scale`` times too large divides it by ``scale``."""
+def test_nees_is_three_when_the_covariance_is_right(scale: float, gravity_known: bool) -> None:
+    """A covariance ``scale`` times too large divides it by ``scale``; a world is known up to yaw, or not at all."""
     true = wander(6, count=4000)
     rng = np.random.default_rng(5)
     sd = np.array([0.01, 0.02, 0.03, 0.1, 0.2, 0.05])
@@ -195,10 +196,12 @@ def test_nees_is_three_when_the_covariance_is_right(scale: float) -> None:
     errors[0] = 0.0
     R, p = true.Ts_WI[:, :3, :3], true.Ts_WI[:, :3, 3]
     estimate = Trajectory(true.t_ns, se3.from_rt(R @ so3.exp(-errors[:, :3]), p - errors[:, 3:]))
-    world = se3.from_rt(so3.from_yaw(2.0), [4.0, 1.0, 0.0])
-    turned = np.diag(np.r_[scale * sd[:3] ** 2, np.diag(np.zeros((3, 3))), np.ones(3)])
-    turned[3:6, 3:6] = world[:3, :3] @ np.diag(scale * sd[3:] ** 2) @ world[:3, :3].T
-    nees = judge(updates_of(moved(estimate, world), turned), truth_of(true)).nees
+    tilt = np.zeros(3) if gravity_known else np.array([0.7, -0.4, 0.0])
+    world = se3.from_rt(so3.from_yaw(2.0) @ so3.exp(tilt), [4.0, 1.0, 0.0])
+    cov = np.eye(9)
+    cov[:3, :3] = np.diag(scale * sd[:3] ** 2)
+    cov[3:6, 3:6] = world[:3, :3] @ np.diag(scale * sd[3:] ** 2) @ world[:3, :3].T
+    nees = judge(updates_of(moved(estimate, world), cov), truth_of(true), gravity_known=gravity_known).nees
     assert nees.position == pytest.approx(3.0 / scale, rel=0.08)
     assert nees.orientation == pytest.approx(3.0 / scale, rel=0.08)
 

@@ -4,6 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from snakeslam.estimation.visual_settings import VisualSettings
 from snakeslam.settings import Settings
 
 Positive = Annotated[float, Field(gt=0)]
@@ -58,26 +59,6 @@ class WindowSettings(Settings):
     keyframe_disparity_px: Positive = 12.0
     """A frame whose features moved less than this since the clone before it leaves the window first."""
     max_landmarks: Annotated[int, Field(ge=0, le=200)] = 40
-
-
-class VisualSettings(Settings):
-    """estimator.mode = visual."""
-
-    features: Annotated[int, Field(ge=100, le=5000)] = 1000
-    pixel_scale: Positive = 1.5
-    """ORB features are this much less precise than ``noise.pixel_px``."""
-    max_distance: Annotated[int, Field(ge=10, le=128)] = 64
-    """Largest Hamming distance of a match, of 256 bits."""
-    search_radii_px: tuple[Positive, ...] = (20.0, 60.0)
-    refine_radii_px: tuple[Positive, ...] = (10.0, 6.0)
-    few_matches: Annotated[int, Field(ge=6)] = 15
-    keyframe_ratio: Annotated[float, Field(gt=0, lt=1)] = 0.6
-    keyframe_angle_deg: Positive = 12.0
-    keyframe_distance_m: Positive = 0.15
-    max_prediction_ns: Annotated[int, Field(gt=0)] = 300_000_000
-    """With a longer gap the frame before tells nothing of this one."""
-    unknown_speed_m_s: Positive = 1.0
-    """Sigma of the velocity, which this mode does not estimate."""
 
 
 class EstimatorSettings(Settings):

@@ -65,7 +65,7 @@ def test_it_starts_with_what_there_is_to_draw() -> None:
     assert isinstance(started, Started)
     assert started.robot is not None
     assert (started.robot.model, started.robot.joint_count) == ("orthogonal24", 24)
-    assert started.aspect == pytest.approx(160 / 120)
+    assert started.aspect == pytest.approx(320 / 240)
     assert started.fov_y_rad == pytest.approx(2 * np.arctan(0.5))
 
 

@@ -1,5 +1,6 @@
 """A backend for the server's tests: a robot whose joints obey and whose head sees one picture, at rest."""
 
+import cv2
 import numpy as np
 
 from snakeslam.calibration import CameraCalibration, ImuCalibration, SensorRig
@@ -10,13 +11,13 @@ from snakeslam.runtime.session import SessionSpec
 STEP_NS = 10_000_000
 FRAME_EVERY = 5
 BREAKS, ENDS = 1001, 1002
-WIDTH, HEIGHT, FOCAL_PX = 160, 120, 120.0
+WIDTH, HEIGHT, FOCAL_PX = 320, 240, 240.0
 
 
-def _texture() -> np.ndarray:
-    rng = np.random.default_rng(7)
-    coarse = rng.integers(0, 255, (HEIGHT // 8, WIDTH // 8), dtype=np.uint8)
-    return np.kron(coarse, np.ones((8, 8), dtype=np.uint8))
+def _picture(rng: np.random.Generator) -> np.ndarray:
+    """Return a texture with corners, room left for the noise."""
+    coarse = rng.integers(20, 230, (HEIGHT // 10, WIDTH // 10)).astype(np.uint8)
+    return cv2.GaussianBlur(np.kron(coarse, np.ones((10, 10), dtype=np.uint8)), (5, 5), 1.0)
 
 
 class StillRobot:
@@ -28,7 +29,8 @@ class StillRobot:
         self._t_ns = 0
         self._q_rad = np.zeros(self._model.joint_count)
         self._truth: list[GroundTruth] = []
-        self._gray = _texture()
+        self._rng = np.random.default_rng(7)
+        self._picture = _picture(self._rng)
         self.targets: list[JointTarget] = []
 
     @property
@@ -69,14 +71,16 @@ class StillRobot:
         t_ns, zero = self._t_ns, np.zeros_like(self._q_rad)
         self._truth.append(GroundTruth(t_ns, np.eye(4)))
         packets: list[Packet] = [
-            ImuSample(t_ns, np.zeros(3), np.array([0.0, 0.0, 9.81])),
+            ImuSample(t_ns, self._rng.normal(0.0, 1e-3, 3), self._rng.normal([0.0, 0.0, 9.81], 1e-2)),
             JointState(t_ns, self._q_rad, zero, zero, zero),
         ]
         seq, phase = divmod(t_ns // STEP_NS, FRAME_EVERY)
         if phase == 0:
             depth_m = np.full((HEIGHT, WIDTH), 1.0, dtype=np.float32)
-            rgb = np.repeat(self._gray[:, :, None], 3, axis=2)
-            packets.append(CameraFrame(t_ns, seq, self._gray, rgb, depth_m, exposure_ns=1_000_000))
+            # A camera that gives the same picture twice counts as frozen.
+            gray = self._picture + self._rng.integers(0, 5, self._picture.shape, dtype=np.uint8)
+            rgb = np.repeat(gray[:, :, None], 3, axis=2)
+            packets.append(CameraFrame(t_ns, seq, gray, rgb, depth_m, exposure_ns=1_000_000))
         return packets
 
     def take_ground_truth(self) -> list[GroundTruth]:

@@ -63,15 +63,15 @@ def test_pictures_come_with_their_features(server: Running) -> None:
     assert pictures[-1][0] == 1
     (length,) = struct.unpack_from("<I", pictures[-1], 1)
     header = json.loads(pictures[-1][5 : 5 + length])
-    assert (header["width"], header["height"]) == (160, 120)
+    assert (header["width"], header["height"]) == (320, 240)
     assert header["tracks"]
     for x_px, y_px, inlier, _ in header["tracks"]:
-        assert -1 <= x_px <= 160
-        assert -1 <= y_px <= 120
+        assert -1 <= x_px <= 320
+        assert -1 <= y_px <= 240
         assert inlier in (0, 1)
     image = cv2.imdecode(np.frombuffer(pictures[-1][5 + length :], np.uint8), cv2.IMREAD_COLOR)
     assert image is not None
-    assert image.shape == (120, 160, 3)
+    assert image.shape == (240, 320, 3)
 
 
 def test_a_change_is_told_at_once(server: Running, client: httpx.Client) -> None:

@@ -171,10 +171,10 @@ def resolve(settings: GaitSettings, model: SnakeModel, turn: float = 0.0) -> Res
     else:
         amplitude = float(np.deg2rad(value["amplitude_deg"]))
     shape = _shape(settings.name, amplitude, 2.0 * np.pi / wavelength)
+    omega = 2.0 * np.pi / value["period_s"]
+    _check(_turned(shape, settings.name, 1.0) if entry.turns else shape, omega, model)
     if entry.turns:
         shape = _turned(shape, settings.name, float(np.clip(turn, -1.0, 1.0)))
-    omega = 2.0 * np.pi / value["period_s"]
-    _check(shape, omega, model)
     start_sigma = _start_sigma(settings.name, shape, model)
     return ResolvedGait(settings.name, shape, omega, entry.rolls, entry.raises_head, start_sigma)
 
@@ -210,13 +210,14 @@ def _turned(shape: ParametricGait, name: GaitName, turn: float) -> ParametricGai
 
 
 def _check(shape: ParametricGait, omega: float, model: SnakeModel) -> None:
+    """Refuse what the joints cannot do at full turn, so that a turn is never refused while driving."""
     limits = model.limits
     swell = 1.0 + abs(shape.taper)
     position = swell * abs(shape.amplitude_o) + abs(shape.beta_o)
     if position > limits.position_rad:
         raise InputError(
             "gait",
-            f"the yaw joints would bend {np.rad2deg(position):.0f} deg",
+            f"the yaw joints would bend {np.rad2deg(position):.0f} deg in a turn",
             f"at most {np.rad2deg(limits.position_rad):.0f} deg: less alpha_pi, or a longer wavelength_joints",
         )
     reach = swell * max(abs(shape.amplitude_o) * shape.harmonic_o, abs(shape.amplitude_e) * shape.harmonic_e)

@@ -50,7 +50,7 @@ def test_an_amplitude_in_degrees_is_the_yaw_joints():
 
 
 def test_what_the_joints_cannot_do_is_refused_with_what_they_can():
-    with pytest.raises(InputError, match=r"would bend 126 deg.*at most 95 deg"):
+    with pytest.raises(InputError, match=r"would bend 132 deg in a turn.*at most 95 deg"):
         resolve(GaitSettings(alpha_pi=0.7, wavelength_joints=12), SIM)
     with pytest.raises(InputError, match=r"gait.period_s: 1.00 s is too fast .*allowed: 1.\d+ s or longer"):
         resolve(GaitSettings(alpha_pi=0.5, period_s=1), SIM)

@@ -68,9 +68,10 @@ class Renderer:
         self._projection = projection_matrix(f_px)
 
     def warm_up(self) -> None:
-        """Draw once with the bodies there: the driver then names itself on standard output, where it would disturb."""
+        """Draw twice: the driver then names itself on standard output, where it would disturb."""
         with _quiet_native_output():
-            self.render(np.eye(4))
+            for _ in range(2):
+                self.render(np.eye(4))
 
     def render(self, T_WC: Float) -> Render:
         """Return the picture from the camera's pose (4, 4), optical frame."""

@@ -1,7 +1,7 @@
 """The four worlds, each drawn from a seed.
 
-The robot starts over the origin along x with its tail towards -x (up to 3.3 m); everything within ``CLEAR_M`` of its
-axis and several metres ahead is free, so that it may sway, turn and roll sideways.
+The robot starts over the origin along x with its tail towards -x (up to 3.3 m); several metres ahead and to both sides
+are free, so that it may sway, turn and roll; to the left, where sidewinding goes at .15 m/s, more.
 """
 
 from collections.abc import Callable
@@ -13,7 +13,7 @@ from snakeslam.backends.sim.meshes import Mesh
 from snakeslam.backends.sim.scenery import BAND_GAP_M, Room, World
 from snakeslam.backends.sim.settings import WorldName
 
-CLEAR_M = 2.4
+CLEAR_RIGHT_M, CLEAR_LEFT_M = 2.4, 3.4
 AHEAD_M = 6.0
 SIDES = ("left", "right", "back", "front")
 
@@ -31,15 +31,15 @@ def world(name: WorldName, rng: np.random.Generator) -> World:
 
 def corridor(rng: np.random.Generator) -> World:
     """A wide hallway along x: brick and plaster walls, doors, posters, pilasters, boxes, papers on the floor."""
-    room, made = Room(-6.5, 10.0, -3.0, 3.0, 2.6), World()
+    room, made = Room(-6.5, 10.0, -3.4, 4.2, 2.8), World()
     made.obstacles += room.barriers()
     brick = room.walls(SIDES, 1.6, 0.0, 0.9, BAND_GAP_M)
     for k, x in enumerate(np.arange(-5.5, 10.0, 3.0).tolist()):
-        y = 2.88 if k % 2 else -2.88
-        brick.append(meshes.box(*made.block(x + rng.uniform(-0.3, 0.3), y, (0.35, 0.25, 2.6)), tile_m=1.6))
+        y = 4.08 if k % 2 else -3.28
+        brick.append(meshes.box(*made.block(x + rng.uniform(-0.3, 0.3), y, (0.35, 0.25, 2.8)), tile_m=1.6))
     made.add(textures.terrazzo(rng), [room.floor(2.4)])
     made.add(textures.bricks(rng), brick)
-    made.add(textures.plaster(rng, (190, 182, 160)), room.walls(SIDES, 2.0, 0.0, 2.6))
+    made.add(textures.plaster(rng, (190, 182, 160)), room.walls(SIDES, 2.0, 0.0, 2.8))
     made.add(textures.ceiling(rng), [room.ceiling(1.2)])
     doors = [room.hang(side, x, 0.0, 0.95, 2.05) for side, x in (("left", -2.6), ("left", 3.6), ("right", 0.8))]
     made.add(
@@ -53,7 +53,7 @@ def corridor(rng: np.random.Generator) -> World:
 
 def office(rng: np.random.Generator) -> World:
     """A large room with carpet tiles: desks, bookshelves, drawers, chairs, boxes and notices."""
-    room, made = Room(-6.5, 9.5, -4.6, 4.6, 2.7), World()
+    room, made = Room(-6.5, 9.5, -4.4, 5.4, 2.7), World()
     made.obstacles += room.barriers()
     made.add(textures.carpet(rng), [room.floor(2.0)])
     made.add(textures.plaster(rng, (184, 190, 194), wear=0.6), room.walls(SIDES, 2.4, 0.0, 2.7))
@@ -61,7 +61,7 @@ def office(rng: np.random.Generator) -> World:
     wood: list[Mesh] = room.walls(SIDES, 0.8, 0.0, 0.1, BAND_GAP_M)
     dark: list[Mesh] = []
     for x in np.arange(-5.2, 8.5, 2.3).tolist():
-        for y in (-3.1, 3.1):
+        for y in (-3.0, 4.1):
             _desk(rng, made, wood, dark, x + rng.uniform(-0.25, 0.25), y + rng.uniform(-0.1, 0.1))
     made.add(textures.planks(rng, colour=(176, 142, 102)), wood)
     made.add(textures.plaster(rng, (74, 78, 86), 512), dark)
@@ -96,7 +96,7 @@ def rubble(rng: np.random.Generator) -> World:
         )
     for k in range(260):
         size = rng.uniform(0.012, 0.035)
-        spot = (rng.uniform(-4.0, AHEAD_M + 2.0), rng.uniform(-3.0, 3.0), 0.1 * size)
+        spot = (rng.uniform(-4.0, AHEAD_M + 2.0), rng.uniform(-3.0, 3.6), 0.1 * size)
         heaps[k % 2].append(meshes.rock(rng, spot, (size, 0.8 * size, 0.7 * size), 0.5, 2))
     made.add(textures.bricks(rng), masonry)
     made.add(textures.stone(rng, (146, 138, 126)), heaps[0])
@@ -106,7 +106,7 @@ def rubble(rng: np.random.Generator) -> World:
 
 def blank(rng: np.random.Generator) -> World:
     """A hall of smooth paint and one floor covering: a skirting, two doors, few notices and little else to see."""
-    room, made = Room(-6.5, 10.0, -3.2, 3.2, 2.6), World()
+    room, made = Room(-6.5, 10.0, -3.4, 4.2, 2.6), World()
     made.obstacles += room.barriers()
     made.add(textures.plaster(rng, (150, 152, 150), wear=0.15), [room.floor(3.0)])
     made.add(textures.plaster(rng, (196, 196, 190), wear=0.0), room.walls(SIDES, 4.0, 0.0, 2.6))
@@ -168,7 +168,7 @@ def _drop_papers(rng: np.random.Generator, made: World, count: int) -> None:
         size, yaw = rng.uniform(0.05, 0.22), rng.uniform(0, 2 * np.pi)
         right = (size * np.cos(yaw), size * np.sin(yaw), 0.0)
         up = (-0.7 * size * np.sin(yaw), 0.7 * size * np.cos(yaw), 0.0)
-        corner = (rng.uniform(-4.0, 8.5), rng.uniform(-2.7, 2.7), 0.0015 + 0.0002 * k)
+        corner = (rng.uniform(-4.0, 8.5), rng.uniform(-3.0, 3.6), 0.0015 + 0.0002 * k)
         placed[k % len(kinds)].append(meshes.picture(corner, right, up))
     for texture, shapes in zip(kinds, placed, strict=True):
         made.add(texture, shapes)
@@ -191,7 +191,7 @@ def _desk(rng: np.random.Generator, made: World, wood: list[Mesh], dark: list[Me
     dark += [meshes.box(*made.block(x, y, (0.05, 0.05, 0.7)), tile_m=0.5) for x, y in feet]
     wood.append(meshes.box(*made.block(x_m + rng.uniform(-0.4, 0.4), y_m, (0.42, 0.55, 0.6)), tile_m=0.9))
     if rng.random() < 0.7:
-        x, y = x_m + rng.uniform(-0.5, 0.5), y_m - np.sign(y_m) * 0.38
+        x, y = x_m + rng.uniform(-0.5, 0.5), y_m - np.sign(y_m) * 0.3
         dark.append(meshes.box(*made.block(x, y, (0.06, 0.06, 0.45)), tile_m=0.5))
         dark.append(meshes.box(*made.block(x, y, (0.42, 0.4, 0.06), rng.uniform(0, 1.0), 0.45), tile_m=0.5))
 
@@ -200,5 +200,5 @@ def _free_spot(rng: np.random.Generator, room: Room, margin_m: float) -> tuple[f
     """Return a place inside the room and outside the part that is kept clear."""
     while True:
         x, y = rng.uniform(room.x0 + margin_m, room.x1 - margin_m), rng.uniform(room.y0 + margin_m, room.y1 - margin_m)
-        if abs(y) > CLEAR_M + margin_m or x > AHEAD_M + margin_m:
+        if y < -CLEAR_RIGHT_M - margin_m or y > CLEAR_LEFT_M + margin_m or x > AHEAD_M + margin_m:
             return x, y

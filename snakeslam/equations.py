@@ -30,6 +30,8 @@ class Equation:
         return "\n".join(lines)
 
 
+PREINTEGRATION = "tests/estimation/test_preintegration.py"
+SUMS = ("snakeslam.estimation.preintegration.preintegrate", PREINTEGRATION)
 GAIT = ("snakeslam.gaits.parametric.joint_angles", "tests/gaits/test_parametric.py")
 
 EQUATIONS: dict[int, Equation] = {
@@ -145,6 +147,7 @@ EQUATIONS: dict[int, Equation] = {
             22,
             "What the IMU measures",
             "omega_m = omega_b + b_g + n_g\na_m = a_b + b_a + R_w^b g^w + n_a",
+            *SUMS,
         ),
         Equation(
             23,
@@ -152,11 +155,13 @@ EQUATIONS: dict[int, Equation] = {
             "p_{k+1} = p_k + v_k dt + iint { R_b^w (a_m - b_a - n_a) - g^w } dt^2\n"
             "v_{k+1} = v_k + int { R_b^w (a_m - b_a - n_a) - g^w } dt\n"
             "q_{k+1} = q_k * int 1/2 Omega(omega_m - b_g - n_g) q_t^{b_k} dt",
+            *SUMS,
         ),
         Equation(
             24,
             "The rate matrix of quaternions [x y z w]",
             "Omega(w) = [ -[w]x  w ; -w^T  0 ]",
+            *SUMS,
         ),
         Equation(
             25,
@@ -164,6 +169,8 @@ EQUATIONS: dict[int, Equation] = {
             "R_w^k p_{k+1} = R_w^k (p_k + v_k dt - 1/2 g^w dt^2) + alpha\n"
             "R_w^k v_{k+1} = R_w^k (v_k - g^w dt) + beta\n"
             "q_w^k * q_{k+1} = gamma",
+            "snakeslam.estimation.preintegration",
+            PREINTEGRATION,
             note="Comes from multiplying (23), not (24), by R_w^{b_k}; alpha's superscript is b_k.",
         ),
         Equation(
@@ -172,6 +179,7 @@ EQUATIONS: dict[int, Equation] = {
             "alpha = iint R_{b_t}^{b_k} (a_m - b_a - n_a) dt^2\n"
             "beta  = int R_{b_t}^{b_k} (a_m - b_a - n_a) dt\n"
             "gamma = int 1/2 Omega(omega_m - b_g - n_g) gamma_t dt",
+            *SUMS,
             note="The rotation is R_{b_t}^{b_k}, omega the measured one. To first order in the biases:\n"
             "alpha ~ alpha^ + J_a db_a + J_g db_g (beta alike), gamma ~ gamma^ * [J db_g / 2, 1].",
         ),
@@ -183,6 +191,8 @@ EQUATIONS: dict[int, Equation] = {
             "2 [ q_w^k * q_{k+1} * gamma^-1 ]_xyz\n"
             "b_a,{k+1} - b_a,k\n"
             "b_g,{k+1} - b_g,k",
+            "snakeslam.estimation.preintegration.Preintegrated.residual",
+            PREINTEGRATION,
             note="Printed with - g dt in the velocity row and the accelerometer's bias twice.",
         ),
         Equation(28, "Centre of mass", "p = 1/N [ e^T X ; e^T Y ]", note="The sums run to N."),
@@ -238,6 +248,8 @@ EQUATIONS: dict[int, Equation] = {
             41,
             "Iterated update on the manifold",
             "x_0 = x^\nx_{j+1} = x^ [+] K_j [ z [-] h(x_j) + H_j (x_j [-] x^) ],   H_j, K_j at x_j\nP = (I - K H) P",
+            "snakeslam.estimation.ieskf.update",
+            "tests/estimation/test_ieskf.py",
             note="Printed without the iteration. The covariance is transported by J_j^-1; it stops when dx is\n"
             "small or the cost rises.",
         ),

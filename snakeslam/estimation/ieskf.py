@@ -130,7 +130,7 @@ class _Linear:
 def update(
     state: State, features: Features, sightings: LandmarkSightings, rows: CameraRows, max_iterations: int
 ) -> int:
-    """Take camera rows into the state, in place; return the number of iterations."""
+    """Take camera rows into the state, in place, by Eq. (41); return the number of iterations."""
     if not features.tracks and not len(sightings.index):
         return 0
     prior = copy_nominal(state)

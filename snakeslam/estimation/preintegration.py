@@ -79,9 +79,9 @@ class Preintegrated:
 
 
 def preintegrate(segments: ImuSegments, bias_g: Float, bias_a: Float, noise: ImuCalibration) -> Preintegrated:
-    """Return the sums of Eq. (22)-(24) by steps of Eq. (25), with the error propagation of Eq. (26).
+    """Return the sums of Eq. (26) over what the IMU measures, Eq. (22), with their covariance and bias Jacobians.
 
-    Each span turns by Exp(w dt); its force acts at the rotation of the span's middle.
+    Each span turns by Exp(w dt), Eq. (23)-(24) for a constant rate; its force acts at the rotation of its middle.
     """
     w = segments.gyro_I - bias_g
     a = segments.accel_I - bias_a

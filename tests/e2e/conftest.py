@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from playwright.sync_api import Browser, Page
+from playwright.sync_api import Browser, Page, expect
 
 from tests.conftest import CHECKOUT, SHARED_DATA
 from tests.e2e.chromium import chromium_path, open_chromium
@@ -18,6 +18,8 @@ from tests.e2e.watching import Complaints
 from tests.server.running import START_S, TOKEN, Running, wait_for
 
 VIEWPORT = {"width": 1000, "height": 640}
+# For a machine that is busy with other things too.
+PATIENCE_MS = 40_000
 # Two cores render the simulator's camera and the browser's page in software.
 LIGHTER = "sim.camera.rate_hz=10"
 
@@ -28,6 +30,7 @@ def browser() -> Iterator[Browser]:
     path = chromium_path()
     if path is None:
         pytest.skip("no Chromium: install it or point CHROMIUM at one")
+    expect.set_options(timeout=PATIENCE_MS)
     with open_chromium(path) as browser:
         yield browser
 
@@ -88,7 +91,7 @@ def dashboard(browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> Ite
         wait_until_running(server)
         context = browser.new_context(viewport=VIEWPORT, reduced_motion="reduce")
         page = context.new_page()
-        page.set_default_timeout(30_000)
+        page.set_default_timeout(PATIENCE_MS)
         complaints = Complaints()
         complaints.watch(page, server.url.removeprefix("http://"))
         page.goto(login_url)

@@ -11,7 +11,7 @@ import numpy as np
 from playwright.sync_api import ConsoleMessage, Error, Frame, Locator, Page, Request
 
 T = TypeVar("T")
-DRAW_S = 40.0
+DRAW_S = 90.0
 
 # Looked at inside the page: to carry a picture over as JSON costs more than to draw it.
 LOOK = """canvas => {

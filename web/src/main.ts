@@ -58,8 +58,9 @@ function start(): void {
   // The gaits' defaults depend on the robot.
   let robot = "";
   app.state.watch((state) => {
-    if (robot !== "" && state && state.robot.model !== robot) void app.loadCatalogue();
-    robot = state?.robot.model ?? robot;
+    if (!state || state.source.kind === "recording") return;
+    if (robot !== "" && state.robot.model !== robot) void app.loadCatalogue();
+    robot = state.robot.model;
   });
   telemetry.start();
 }

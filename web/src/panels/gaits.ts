@@ -27,9 +27,9 @@ export function mountGaits(app: App): void {
   const list = h("div", { class: "gait-cards", role: "group", "aria-label": "Gait" });
   byId("gaits").append(h("h2", { class: "visually-hidden" }, "Gait"), list);
   let cards: Card[] = [];
-  let joints = 0;
+  let joints = 24;
   const build = () => {
-    joints = app.state.get()?.robot.joints ?? 24;
+    joints = app.state.get()?.robot.joints || joints;
     cards = app.catalogue.get().map((entry) => makeCard(app, entry, joints));
     list.replaceChildren(...cards.map((card) => card.button));
     mark();
@@ -43,7 +43,7 @@ export function mountGaits(app: App): void {
     }
   };
   app.catalogue.watch(build);
-  app.state.watch((state) => (state && state.robot.joints !== joints ? build() : mark()));
+  app.state.watch((state) => (state && state.robot.joints > 0 && state.robot.joints !== joints ? build() : mark()));
   app.link.watch(mark);
   animate(() => cards.map((card) => card.drawing), (index) => cards[index]?.button.ariaPressed === "true");
 }

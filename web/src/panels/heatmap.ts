@@ -25,6 +25,10 @@ export class Heatmap {
     });
   }
 
+  clear(): void {
+    this.canvas.width = this.columns;
+  }
+
   /** Returns the angle in deg at which the colours are full. */
   draw(history: JointHistory): number {
     const rows = history.joints;

@@ -71,6 +71,7 @@ class JointsPanel {
   /** Another robot: offer its joints and choose a yaw joint near the tail, the middle and the head. */
   private adopt(joints: number): void {
     this.joints = joints;
+    this.heatmap.clear();
     const odd = (share: number) => Math.max(1, 2 * Math.floor((joints * share) / 2) + 1);
     this.chosen = [...new Set([odd(0.15), odd(0.5), odd(0.85)])].filter((joint) => joint <= joints);
     this.grid.replaceChildren(

@@ -69,4 +69,5 @@ def imu_calibration(settings: ImuSettings) -> ImuCalibration:
         accelerometer_noise_density=settings.accel_noise_density,
         accelerometer_random_walk=settings.accel_random_walk,
         update_rate=IMU_RATE_HZ,
+        sample_kind="mean",
     )

@@ -48,7 +48,7 @@ $(UV):
 comma := ,
 
 $(VENV)/.synced: requirements.lock pyproject.toml | $(UV)
-	$(UV) pip sync -q requirements.lock
+	$(UV) pip sync -q --compile-bytecode requirements.lock
 	$(UV) pip install -q --no-deps --no-build-isolation -e .
 	@touch $@
 

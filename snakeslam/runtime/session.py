@@ -42,7 +42,6 @@ from snakeslam.runtime.topics import (
     Stop,
 )
 
-
 # The matrices are small: more threads make them slower, and hinder whatever else runs. Read when numpy is loaded.
 THREAD_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")
 

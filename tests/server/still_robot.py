@@ -23,9 +23,9 @@ def _picture(rng: np.random.Generator) -> np.ndarray:
 class StillRobot:
     """See the module's docstring; ends after ``end_s``, fails at ``fail_s``."""
 
-    def __init__(self, end_s: float = np.inf, fail_s: float = np.inf) -> None:
+    def __init__(self, end_s: float = np.inf, fail_s: float = np.inf, frame_every: int = FRAME_EVERY) -> None:
         self._model = PRESETS["orthogonal24"]
-        self._end_s, self._fail_s = end_s, fail_s
+        self._end_s, self._fail_s, self._frame_every = end_s, fail_s, frame_every
         self._t_ns = 0
         self._q_rad = np.zeros(self._model.joint_count)
         self._truth: list[GroundTruth] = []
@@ -74,7 +74,7 @@ class StillRobot:
             ImuSample(t_ns, self._rng.normal(0.0, 1e-3, 3), self._rng.normal([0.0, 0.0, 9.81], 1e-2)),
             JointState(t_ns, self._q_rad, zero, zero, zero),
         ]
-        seq, phase = divmod(t_ns // STEP_NS, FRAME_EVERY)
+        seq, phase = divmod(t_ns // STEP_NS, self._frame_every)
         if phase == 0:
             depth_m = np.full((HEIGHT, WIDTH), 1.0, dtype=np.float32)
             # A camera that gives the same picture twice counts as frozen.

@@ -1,0 +1,1 @@
+"""Budgets as figures: ``make bench``."""

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -218,10 +219,10 @@ def test_a_recording_is_chosen_and_plays(page: Page, client: httpx.Client, recor
     expect(page.locator("#drive-note")).to_contain_text("no robot to drive")
     expect(page.locator("#start")).to_be_disabled()
     expect(page.locator("#estop")).to_be_enabled()
-    picture = page.locator("#camera-picture")
-    poll(lambda: picture.evaluate("c => c.width"), lambda width: width == width_px, "the recording's picture")
-    poll(lambda: page.locator("#verdict").inner_text(), lambda word: word in ("Good", "Degraded"), "a tracked pose")
-    expect(page.locator("#session-state")).to_have_text("Ended", timeout=120_000)
+    expect(page.locator("#session-state")).to_have_text(re.compile("Ended|Failed"), timeout=120_000)
+    assert state(client)["session"] == "ended", state(client)["message"]
+    assert page.locator("#camera-picture").evaluate("canvas => canvas.width") == width_px
+    assert len(client.get("/api/v1/trajectory").json()["estimate"]) > 20, "hardly a pose"
     poll(lambda: float(page.locator("#distance").inner_text()), lambda distance_m: distance_m > 0.05, "a distance")
 
 

@@ -13,6 +13,7 @@ import typer
 
 from snakeslam.errors import InputError, NotBuiltError, SnakeslamError
 from snakeslam.paths import configs_dir
+from snakeslam.threads import use_one_thread
 
 if TYPE_CHECKING:
     from snakeslam.config import Config
@@ -133,6 +134,7 @@ for _name, _help in (
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code; a user's mistake is one line on stderr, never a traceback."""
+    use_one_thread()
     try:
         given = list(sys.argv[1:] if arguments is None else arguments)
         code: Any = app(args=given or ["--help"], prog_name="snakeslam", standalone_mode=False)

@@ -61,7 +61,7 @@ def office(rng: np.random.Generator) -> World:
     wood: list[Mesh] = room.walls(SIDES, 0.8, 0.0, 0.1, BAND_GAP_M)
     dark: list[Mesh] = []
     for x in np.arange(-5.2, 8.5, 2.3).tolist():
-        for y in (-3.0, 4.1):
+        for y in (-3.3, 4.2):
             _desk(rng, made, wood, dark, x + rng.uniform(-0.25, 0.25), y + rng.uniform(-0.1, 0.1))
     made.add(textures.planks(rng, colour=(176, 142, 102)), wood)
     made.add(textures.plaster(rng, (74, 78, 86), 512), dark)

@@ -33,8 +33,8 @@ class NoiseSettings(Settings):
     """b in sigma_z = a + b z^2, 1/m."""
     depth_min_m: Positive = 0.25
     depth_max_m: Positive = 6.0
-    imu_white_scale: Positive = 1.5
-    """Factor on the calibrated white noise densities, for vibration and what the model leaves out."""
+    imu_white_scale: Positive = 5.0
+    """Factor on the calibrated white noise densities: a still IMU's do not hold in motion (vibration, scale, axes)."""
     imu_walk_scale: Positive = 1.0
 
 

@@ -39,7 +39,9 @@ def _expose(render, settings, w_C=(0, 0, 0), seed=0):
 
 def _flat_render(z_m, rgb=None):
     picture = np.full((HEIGHT_PX, WIDTH_PX, 3), 120, np.uint8) if rgb is None else rgb
-    return Render(picture, np.full((HEIGHT_PX, WIDTH_PX), 1.0 / z_m, np.float32))
+    return Render(
+        np.dstack([picture, np.full_like(picture[..., 0], 255)]), np.full((HEIGHT_PX, WIDTH_PX), 1.0 / z_m, np.float32)
+    )
 
 
 def test_points_appear_where_the_intrinsics_say_at_their_depth(scene):
@@ -107,13 +109,13 @@ def test_depth_is_unknown_out_of_range(z_m, known):
 def test_a_step_in_depth_leaves_a_hole_and_a_slanted_plane_does_not():
     rows = np.arange(HEIGHT_PX, dtype=np.float32)[:, None]
     ground = np.tile(np.maximum(rows - CY, 4.0) / (0.1 * FY), (1, WIDTH_PX)).astype(np.float32)
-    seen = _expose(Render(_flat_render(1).rgb, ground), CLEAN).depth_m
+    seen = _expose(Render(_flat_render(1).rgba, ground), CLEAN).depth_m
     in_range = (1.0 / ground > 0.25) & (1.0 / ground < 6.0)
     in_range[: int(CY) + 7] = False
     assert np.all(seen[in_range] > 0)
     step = np.full((HEIGHT_PX, WIDTH_PX), 1.0, np.float32)
     step[:, 300:] = 0.5
-    seen = _expose(Render(_flat_render(1).rgb, step), CLEAN).depth_m
+    seen = _expose(Render(_flat_render(1).rgba, step), CLEAN).depth_m
     assert np.all(seen[:, 299:301] == 0)
     assert np.all(seen[:, :298] > 0)
     assert np.all(seen[:, 302:] > 0)

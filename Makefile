@@ -80,7 +80,7 @@ test: setup browser check
 check: $(VENV)/.synced web/dist/index.html
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	PATH="$(NODE_HOME)/bin:$$PATH" $(BIN)/pyright
+	$(NODE) web/node_modules/pyright/index.js
 	$(BIN)/lint-imports
 	$(NPM) run --silent check
 

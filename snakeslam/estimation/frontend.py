@@ -17,6 +17,7 @@ EDGE_PER_M, EDGE_PER_M2 = 0.02, 0.02
 KLT_EPSILON_PX = 0.02
 KLT_STEPS = 20
 FROZEN_LEVEL = 1e-9
+ENOUGH_CORNERS = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -149,10 +150,8 @@ class Frontend:
         taken = np.zeros((gray.shape[0] // cell + 1, gray.shape[1] // cell + 1), bool)
         columns, rows = (self._px / cell).astype(np.int64).T
         taken[rows, columns] = True
-        corners = self._corners(gray)
-        corners = corners[self._inside(corners[:, :2])]
+        corners = self._corners(gray, _free(taken, cell, gray.shape))
         cells = (corners[:, :2] / cell).astype(np.int64)
-        corners, cells = (a[~taken[cells[:, 1], cells[:, 0]]] for a in (corners, cells))
         order = np.argsort(-corners[:, 2], kind="stable")
         _, best = np.unique(cells[order, 1] * taken.shape[1] + cells[order, 0], return_index=True)
         chosen = corners[order[np.sort(best)], :2]
@@ -166,11 +165,11 @@ class Frontend:
         area = self._camera.width_px * self._camera.height_px
         return max(int(self._settings.min_distance_px), int(np.sqrt(0.75 * area / self._settings.max_tracks)))
 
-    def _corners(self, gray: NDArray[np.uint8]) -> Float:
+    def _corners(self, gray: NDArray[np.uint8], mask: NDArray[np.uint8]) -> Float:
         """Return FAST corners (x, y, response), with a lower threshold where the picture gives few."""
         for threshold in (self._settings.fast_threshold, max(2, self._settings.fast_threshold // 2)):
-            found = cv2.FastFeatureDetector_create(threshold=threshold).detect(gray)
-            if len(found) >= 2 * self._settings.max_tracks:
+            found = cv2.FastFeatureDetector_create(threshold=threshold).detect(gray, mask)
+            if len(found) >= ENOUGH_CORNERS * (self._settings.max_tracks - len(self._px)):
                 break
         return np.array([(*k.pt, k.response) for k in found], dtype=np.float64).reshape(-1, 3)
 
@@ -179,6 +178,15 @@ class Frontend:
             return np.ones(len(px), bool)
         gap = np.linalg.norm(px[:, None] - self._px[None], axis=-1).min(axis=1)
         return np.asarray(gap >= 0.5 * self._settings.min_distance_px)
+
+
+def _free(taken: NDArray[np.bool_], cell: int, shape: tuple[int, ...]) -> NDArray[np.uint8]:
+    """Return a mask of the picture, 255 in empty cells away from the border."""
+    mask = np.zeros(shape, np.uint8)
+    inner = np.s_[BORDER_PX:-BORDER_PX, BORDER_PX:-BORDER_PX]
+    free = np.where(taken, 0, 255).astype(np.uint8)
+    mask[inner] = free.repeat(cell, axis=0).repeat(cell, axis=1)[: shape[0], : shape[1]][inner]
+    return mask
 
 
 def sample_depth(depth_m: NDArray[np.float32] | None, px: NDArray[np.float32]) -> Float:

@@ -30,6 +30,8 @@ from snakeslam.messages import Float
 GATE_QUANTILE = 0.99
 POINT_PRIOR = 1e4
 SMALL_STEP = 1e-5
+LINEAR = 0.01
+"""A first step that brings the cost that the linear model foresees, to this part, needs no second."""
 CHI2 = chi2.ppf(GATE_QUANTILE, np.arange(1, 200))
 
 
@@ -44,7 +46,7 @@ class Features:
     @staticmethod
     def of(tracks: Sequence[Track], state: State, rows: CameraRows) -> "Features":
         """Triangulate tracks from the window and keep what is well determined and passes the gate."""
-        observed = Observations.of(tracks, [c.t_ns for c in state.clones])
+        observed = Observations.of(tracks, [c.t_ns for c in state.clones], rows)
         points, good = triangulate(Poses.of(state), observed, rows)
         kept = Features([t for t, ok in zip(tracks, good, strict=True) if ok], observed.pick(good), points[good])
         return kept.pick(kept.within_gate(state, rows)) if kept.tracks else kept
@@ -70,7 +72,7 @@ class Features:
         S += POINT_PRIOR * flat @ np.swapaxes(flat, 1, 2) + np.eye(3 * n)
         e = r.reshape(m, 3 * n)
         distance = np.einsum("mi,mi->m", e, np.linalg.solve(S, e[..., None])[..., 0])
-        count = np.sum(rows.weights(self.observed.xyz) * self.observed.seen[..., None] > 0.0, axis=(1, 2))
+        count = np.sum(self.observed.weight > 0.0, axis=(1, 2))
         return np.asarray((count > 3) & (distance < CHI2[np.clip(count - 3, 1, 199) - 1]))
 
 
@@ -84,7 +86,8 @@ class LandmarkSightings:
     @staticmethod
     def none() -> "LandmarkSightings":
         """Return an empty set."""
-        return LandmarkSightings(np.empty(0, np.int64), Observations(np.empty((0, 1, 3)), np.empty((0, 1), bool)))
+        nothing = Observations(np.empty((0, 1, 3)), np.empty((0, 1), bool), np.empty((0, 1, 3)))
+        return LandmarkSightings(np.empty(0, np.int64), nothing)
 
     def pick(self, chosen: NDArray[np.bool_]) -> "LandmarkSightings":
         """Return some of them."""
@@ -103,16 +106,15 @@ class LandmarkSightings:
         newest = len(state.clones) - 1
         r = residuals(self.points(state), Poses.of(state).pick(newest), self.observed, rows)[:, 0]
         Hx, Hf = jacobians(self.first_points(state), Poses.first_of(state).pick(newest), self.observed, rows)
-        at = state.clone_slice(newest)
-        P = state.cov
-        inside = np.zeros(len(self.index), bool)
-        for row, k in enumerate(self.index):
-            where = np.r_[at, state.landmark_slice(int(k))]
-            H = np.hstack([Hx[row, 0], Hf[row, 0]])
-            S = H @ P[np.ix_(where, where)] @ H.T + np.eye(3)
-            count = int(np.sum(rows.weights(self.observed.xyz[row, 0]) > 0.0))
-            inside[row] = r[row] @ np.linalg.solve(S, r[row]) < CHI2[count - 1]
-        return inside
+        pose = np.arange(CLONE) + state.clone_slice(newest).start
+        own = np.arange(LANDMARK) + (state.landmark_slice(0).start + LANDMARK * self.index)[:, None]
+        where = np.hstack([np.broadcast_to(pose, (len(own), CLONE)), own])
+        P = state.cov[where[:, :, None], where[:, None, :]]
+        H = np.concatenate([Hx[:, 0], Hf[:, 0]], axis=-1)
+        S = H @ P @ np.swapaxes(H, 1, 2) + np.eye(3)
+        distance = np.sum(r * np.linalg.solve(S, r[..., None])[..., 0], axis=-1)
+        count = np.sum(self.observed.weight[:, 0] > 0.0, axis=-1)
+        return np.asarray(distance < CHI2[np.maximum(count, 1) - 1])
 
 
 @dataclass(slots=True)
@@ -137,14 +139,13 @@ def update(
     columns = state.cov[:, CORE:]
     P_mm = columns[CORE:]
     d = np.zeros(state.size)
-    y = np.zeros(state.size - CORE)
     now = _linearise(state, features, sightings, rows)
     best = now.cost
     rounds = 0
     for rounds in range(1, max_iterations + 1):
         before, points = copy_nominal(state), features.points_W
         b = now.gradient + now.information @ d[CORE:]
-        y_new = np.linalg.solve(np.eye(len(y)) + now.information @ P_mm, b)
+        y_new = np.linalg.solve(np.eye(len(b)) + now.information @ P_mm, b)
         d_new = columns @ y_new
         step = d_new - d
         restore_nominal(state, prior)
@@ -156,8 +157,10 @@ def update(
             restore_nominal(state, before)
             features.points_W = points
             break
-        best, d, y, now = cost, d_new, y_new, after
-        if np.linalg.norm(step) < SMALL_STEP * np.sqrt(len(step)):
+        foreseen = best - float(now.gradient @ step[CORE:])
+        best, d, now = cost, d_new, after
+        linear = rounds == 1 and abs(cost - foreseen) < LINEAR * cost
+        if linear or np.linalg.norm(step) < SMALL_STEP * np.sqrt(len(step)):
             break
     state.reduce_covariance(np.arange(CORE, state.size), now.information)
     features.points_W = features.points_W + _point_steps(now, np.zeros(state.size))
@@ -226,14 +229,13 @@ def _add_sightings(
     at = slice(CLONE * newest, CLONE * (newest + 1))
     information[at, at] += np.einsum("mki,mkj->ij", Hx, Hx)
     gradient[at] += np.einsum("mki,mk->i", Hx, r)
-    first = CLONE * len(state.clones) + LANDMARK * sightings.index
-    for row, start in enumerate(first.tolist()):
-        own = slice(start, start + LANDMARK)
-        cross = Hx[row].T @ Hf[row]
-        information[at, own] += cross
-        information[own, at] += cross.T
-        information[own, own] += Hf[row].T @ Hf[row]
-        gradient[own] += Hf[row].T @ r[row]
+    own = np.arange(LANDMARK) + (CLONE * len(state.clones) + LANDMARK * sightings.index)[:, None]
+    pose = np.arange(at.start, at.stop)
+    cross = np.swapaxes(Hx, 1, 2) @ Hf
+    information[pose[None, :, None], own[:, None, :]] += cross
+    information[own[:, :, None], pose[None, None, :]] += np.swapaxes(cross, 1, 2)
+    information[own[:, :, None], own[:, None, :]] += np.swapaxes(Hf, 1, 2) @ Hf
+    gradient[own] += np.einsum("mki,mk->mi", Hf, r)
     return float(np.sum(r**2))
 
 

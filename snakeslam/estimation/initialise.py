@@ -160,7 +160,7 @@ def _window(
         return None
     t_s = (np.array(times_ns) - times_ns[0]) / 1e9
     kept = [span for span in spans if span is not None]
-    return _Window(t_s, kept, Observations.of(long, times_ns), rows, noise, gravity_m_s2)
+    return _Window(t_s, kept, Observations.of(long, times_ns, rows), rows, noise, gravity_m_s2)
 
 
 def _gyro_bias(window: _Window) -> Float:

@@ -22,6 +22,7 @@ HUBER = 2.5
 MIN_Z_M = 0.02
 LM_ROUNDS = 6
 CONVERGED = 1e-9
+SETTLED = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,13 +70,22 @@ class Poses:
 
 @dataclass(frozen=True, slots=True)
 class Observations:
-    """Observations of M points from n poses: ``xyz`` (M, n, 3), 0 depth where unknown, ``seen`` (M, n)."""
+    """Observations of M points from n poses: ``xyz`` (M, n, 3), 0 depth where unknown, ``seen`` (M, n).
+
+    ``weight`` (M, n, 3) is 1/sigma of each row, 0 where there is none.
+    """
 
     xyz: Float
     seen: NDArray[np.bool_]
+    weight: Float
 
     @staticmethod
-    def of(tracks: Sequence[Track], times_ns: Sequence[int]) -> "Observations":
+    def weighed(xyz: Float, seen: NDArray[np.bool_], rows: CameraRows) -> "Observations":
+        """Return observations with the weights that ``rows`` gives them."""
+        return Observations(xyz, seen, rows.weights(xyz) * seen[..., None])
+
+    @staticmethod
+    def of(tracks: Sequence[Track], times_ns: Sequence[int], rows: CameraRows) -> "Observations":
         """Arrange tracks by the times of the window."""
         column = {t_ns: k for k, t_ns in enumerate(times_ns)}
         xyz = np.zeros((len(tracks), len(times_ns), 3))
@@ -85,11 +95,11 @@ class Observations:
                 k = column.get(t_ns)
                 if k is not None:
                     xyz[row, k], seen[row, k] = values, True
-        return Observations(xyz, seen)
+        return Observations.weighed(xyz, seen, rows)
 
     def pick(self, rows: NDArray[np.bool_]) -> "Observations":
         """Return those of some points."""
-        return Observations(self.xyz[rows], self.seen[rows])
+        return Observations(self.xyz[rows], self.seen[rows], self.weight[rows])
 
 
 def points_in_camera(points_W: Float, poses: Poses, rows: CameraRows) -> tuple[Float, Float]:
@@ -107,8 +117,7 @@ def predict(p_C: Float) -> Float:
 def residuals(points_W: Float, poses: Poses, observed: Observations, rows: CameraRows) -> Float:
     """Return whitened z - h of every observation, (M, n, 3), 0 where a point is not seen."""
     _, p_C = points_in_camera(points_W, poses, rows)
-    weight = rows.weights(observed.xyz) * observed.seen[..., None]
-    return (observed.xyz - predict(p_C)) * weight
+    return (observed.xyz - predict(p_C)) * observed.weight
 
 
 def jacobians(points_W: Float, poses: Poses, observed: Observations, rows: CameraRows) -> tuple[Float, Float]:
@@ -119,8 +128,7 @@ def jacobians(points_W: Float, poses: Poses, observed: Observations, rows: Camer
     r_h_pC[..., 0, 0] = r_h_pC[..., 1, 1] = 1.0 / z
     r_h_pC[..., 0, 2], r_h_pC[..., 1, 2] = -p_C[..., 0] / z**2, -p_C[..., 1] / z**2
     r_h_pC[..., 2, 2] = 1.0
-    weight = rows.weights(observed.xyz) * observed.seen[..., None]
-    r_h_pI = (r_h_pC @ rows.R_IC.T) * weight[..., None]
+    r_h_pI = (r_h_pC @ rows.R_IC.T) * observed.weight[..., None]
     r_h_pW = r_h_pI @ np.swapaxes(poses.R_WI, -1, -2)[None]
     return np.concatenate([r_h_pI @ so3.hat(p_I), -r_h_pW], axis=-1), r_h_pW
 
@@ -150,8 +158,11 @@ def triangulate(poses: Poses, observed: Observations, rows: CameraRows) -> tuple
         trial_cost = np.sum((r * robust_scale(r)) ** 2, axis=(1, 2))
         better = trial_cost <= cost
         points = np.where(better[:, None], trial, points)
+        settled = bool(np.all(np.abs(cost - trial_cost) <= SETTLED * (cost + SETTLED)))
         cost = np.where(better, trial_cost, cost)
         damping = np.where(better, damping * 0.1, damping * 10.0)
+        if settled:
+            break
     return points, _well_determined(points, poses, observed, rows)
 
 
@@ -160,7 +171,7 @@ def _start(poses: Poses, observed: Observations, rows: CameraRows) -> Float:
     p_WC = poses.p_WI + poses.R_WI @ rows.p_IC
     rays = np.concatenate([observed.xyz[..., :2], np.ones((*observed.seen.shape, 1))], axis=-1)
     rays_W = np.einsum("nij,mnj->mni", R_WC, rays)
-    weight = rows.weights(observed.xyz)[..., 2] ** 2 * observed.seen
+    weight = observed.weight[..., 2] ** 2
     total = weight.sum(axis=1)
     lifted = p_WC[None] + rays_W * observed.xyz[..., 2:]
     from_depth = np.einsum("mn,mni->mi", weight, lifted) / np.maximum(total, CONVERGED)[:, None]

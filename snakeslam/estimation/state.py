@@ -177,10 +177,16 @@ class State:
             landmark.p_W = landmark.p_W + dx[self.landmark_slice(k)]
 
     def reduce_covariance(self, rows: Float, information: Float) -> None:
-        """Take up ``information`` (m, m) on the error's ``rows`` (m,): P <- P - P_:m L (I + P_mm L)^-1 P_m:."""
-        columns = self.cov[:, rows]
-        middle = information @ np.linalg.inv(np.eye(len(rows)) + columns[rows] @ information)
-        self.cov = self.cov - columns @ middle @ columns.T
+        """Take up ``information`` L (m, m) on the error's ``rows`` (m,): P_m: <- (I + P_mm L)^-1 P_m:."""
+        others = np.setdiff1d(np.arange(self.size), rows)
+        before = self.cov[rows]
+        after = np.linalg.solve(np.eye(len(rows)) + before[:, rows] @ information, before)
+        cov = np.empty_like(self.cov)
+        cov[rows] = after
+        cov[np.ix_(others, rows)] = after[:, others].T
+        rest = self.cov[np.ix_(others, others)]
+        cov[np.ix_(others, others)] = rest - before[:, others].T @ (information @ after[:, others])
+        self.cov = cov
         self._symmetrise()
 
     def _symmetrise(self) -> None:

@@ -15,17 +15,13 @@ class Track:
     track_id: int
     t_ns: list[int] = field(default_factory=list[int])
     xyz: list[tuple[float, float, float]] = field(default_factory=list[tuple[float, float, float]])
-    rejections: int = 0
+    has_depth: bool = False
+    """Whether any observation has had a depth."""
 
     @property
     def length(self) -> int:
         """Number of observations held."""
         return len(self.t_ns)
-
-    @property
-    def has_depth(self) -> bool:
-        """Whether any observation has a depth."""
-        return any(z > 0.0 for _, _, z in self.xyz)
 
     def forget(self, t_ns: int) -> None:
         """Drop the observation at a time, if there is one."""
@@ -46,6 +42,7 @@ class TrackStore:
             track = self._tracks.setdefault(track_id, Track(track_id))
             track.t_ns.append(t_ns)
             track.xyz.append((x, y, z))
+            track.has_depth |= z > 0.0
 
     def take_lost(self, alive: set[int]) -> list[Track]:
         """Remove and return the tracks that are not among the living."""

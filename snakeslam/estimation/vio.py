@@ -228,7 +228,7 @@ class VisualInertialOdometry:
         at = np.array([k for k, _ in where])
         xyz = np.hstack([features.xy[at], features.depth_m[at, None]])[:, None]
         index = np.array([k for _, k in where], dtype=np.int64)
-        sightings = LandmarkSightings(index, Observations(xyz, np.ones((len(at), 1), bool)))
+        sightings = LandmarkSightings(index, Observations.weighed(xyz, np.ones((len(at), 1), bool), self._rows))
         inside = sightings.within_gate(state, self._rows)
         for ok, k in zip(inside, index.tolist(), strict=True):
             landmark = state.landmarks[k]
@@ -322,7 +322,9 @@ def _overlay(
 
 
 def _no_features() -> Features:
-    return Features([], Observations(np.empty((0, 0, 3)), np.empty((0, 0), bool)), np.empty((0, 3)))
+    return Features(
+        [], Observations(np.empty((0, 0, 3)), np.empty((0, 0), bool), np.empty((0, 0, 3))), np.empty((0, 3))
+    )
 
 
 def _scaled(imu: ImuCalibration, settings: EstimatorSettings) -> ImuCalibration:

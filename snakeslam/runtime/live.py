@@ -34,9 +34,13 @@ LEAST_STEP_M = 0.01
 
 
 class TruthView:
-    """Brings the truth to the estimate's first pose by yaw and translation, for display and a plain error."""
+    """Brings the truth to the estimate's first pose, for display and a plain error.
 
-    def __init__(self) -> None:
+    By yaw and translation; wholly where the estimate does not know where down is.
+    """
+
+    def __init__(self, *, gravity_known: bool = True) -> None:
+        self._gravity_known = gravity_known
         self._recent: deque[GroundTruth] = deque(maxlen=TRUTH_KEPT)
         self._align_T_WG: Float | None = None
 
@@ -52,7 +56,8 @@ class TruthView:
         if self._align_T_WG is None:
             if T_WI is None:
                 return None
-            self._align_T_WG = _yaw_alignment(T_WI, nearest.T_WI)
+            align = _yaw_alignment if self._gravity_known else _full_alignment
+            self._align_T_WG = align(T_WI, nearest.T_WI)
         return self._align_T_WG @ nearest.T_WI
 
 
@@ -65,14 +70,23 @@ def _yaw_alignment(T_WI: Float, T_GI: Float) -> Float:
     return se3.from_rt(R_WG, T_WI[:3, 3] - R_WG @ T_GI[:3, 3])
 
 
+def _full_alignment(T_WI: Float, T_GI: Float) -> Float:
+    return T_WI @ se3.inv(T_GI)
+
+
 class LiveSink:
     """Keeps the newest of everything; ``put`` gets a report at most 20 times a second of each kind that may drop."""
 
     def __init__(
-        self, model: SnakeModel | None, put: Callable[[Report], None], clock: Callable[[], float] = monotonic
+        self,
+        model: SnakeModel | None,
+        put: Callable[[Report], None],
+        *,
+        gravity_known: bool = True,
+        clock: Callable[[], float] = monotonic,
     ) -> None:
         self._model, self._put, self._clock = model, put, clock
-        self._truth, self._still = TruthView(), HeadStillness()
+        self._truth, self._still = TruthView(gravity_known=gravity_known), HeadStillness()
         self._health = Health(Verdict.INITIALISING)
         self._newest_T_WI: Float | None = None
         self._true_T_WI: Float | None = None

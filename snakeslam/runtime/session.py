@@ -80,8 +80,9 @@ class Session:
         self._moving = False
         self._done = 0
         self._pacer = Pacer()
-        self._sink = LiveSink(backend.model, put)
         config = _with_estimator_mode(spec, has_imu=backend.rig.imu0 is not None)
+        # The visual estimator starts level with its camera, however that is held.
+        self._sink = LiveSink(backend.model, put, gravity_known=config.estimator.mode != "visual")
         self._loop = Loop(backend, self._control, build_slam(config, backend.rig), self._sink)
         self._autostart_ns = backend.t_ns + round(config.run.rest_s * 1e9) if spec.autostart else None
         put(_started(backend, config.estimator.mode, self._gait))

@@ -247,6 +247,15 @@ def test_the_truth_is_brought_to_the_first_pose_by_yaw_and_translation() -> None
     assert np.allclose(later[:3, 3], [0.0, 0.0, 1.0])
 
 
+def test_without_gravity_the_truth_is_brought_wholly_to_the_first_pose() -> None:
+    view = TruthView(gravity_known=False)
+    T_true = se3.from_rt(so3.exp(np.array([0.5, 0.2, 1.0])), np.array([5.0, -3.0, 2.0]))
+    view.on_truth([GroundTruth(0, T_true)])
+    aligned = view.at(0, np.eye(4))
+    assert aligned is not None
+    assert np.allclose(aligned, np.eye(4))
+
+
 def test_sway_is_measured_across_the_path() -> None:
     still = HeadStillness(window_s=4.0)
     for t_s in np.arange(0.0, 8.0, 0.05):

@@ -1,4 +1,4 @@
-"""The front-end: FAST corners on a grid, KLT with starts predicted by the gyro, a two-point RANSAC that knows the turn."""
+"""The front-end: FAST corners on a grid, KLT with starts predicted by the gyro, a RANSAC that knows the turn."""
 
 from dataclasses import dataclass
 
@@ -24,8 +24,8 @@ ENOUGH_CORNERS = 4
 class FrontendFrame:
     """Features of one frame: ``px`` (M, 2), ``ids`` (M,), ``xy`` (M, 2) normalised, ``depth_m`` (M,) with 0 = unknown.
 
-    ``rejected_px`` (R, 2) with ``rejected_ids`` are those that RANSAC dropped; ``disparity_px`` is the median motion that
-    the turn does not explain, None without a frame before; ``frozen`` tells that the picture is the one before.
+    ``rejected_px`` (R, 2) with ``rejected_ids`` are those that RANSAC dropped; ``disparity_px`` is the median motion
+    that the turn does not explain, None without a frame before; ``frozen`` tells that the picture is the one before.
     """
 
     px: NDArray[np.float32]

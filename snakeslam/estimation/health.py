@@ -10,7 +10,7 @@ from snakeslam.messages import Float, Health, Verdict
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """What one frame showed: features in use and rejected, the velocity's 3x3 covariance, what was wrong with inputs."""
+    """What one frame showed: features in use and rejected, the velocity's covariance (3, 3), faults of the inputs."""
 
     used: int
     rejected: int

@@ -1,9 +1,10 @@
 """The iterated error-state Kalman update, in information form.
 
 Eq. (41) with the iteration that the paper announces but does not print: from x_0 = x^,
-x_{j+1} = x^ [+] P H^T (H P H^T + I)^-1 (r_j + H d_j), r_j = z - h(x_j), d_j = x_j [-] x^, until the step is small or the
-cost rises; then P is reduced once. With L = H^T H and b = H^T (r_j + H d_j) the step is P_:m (I + L P_mm)^-1 b, where m are
-the errors of clones and landmarks. Jacobians are taken at first estimates, so only residuals and weights change.
+x_{j+1} = x^ [+] P H^T (H P H^T + I)^-1 (r_j + H d_j), r_j = z - h(x_j), d_j = x_j [-] x^, until the step is small
+or the cost rises; then P is reduced once. With L = H^T H and b = H^T (r_j + H d_j) the step is P_:m (I + L P_mm)^-1 b,
+where m are the errors of clones and landmarks. Jacobians are taken at first estimates, so only residuals and
+weights change.
 """
 
 from collections.abc import Sequence

@@ -21,8 +21,6 @@ from snakeslam.estimation.measurements import (
 )
 from snakeslam.estimation.preintegration import (
     ALPHA,
-    BIAS_A,
-    BIAS_G,
     GAMMA,
     ImuBuffer,
     ImuSegments,
@@ -31,7 +29,7 @@ from snakeslam.estimation.preintegration import (
 )
 from snakeslam.estimation.state import BIAS_A as X_BIAS_A
 from snakeslam.estimation.state import BIAS_G as X_BIAS_G
-from snakeslam.estimation.state import CORE, THETA, V, P, State
+from snakeslam.estimation.state import CORE, THETA, P, State, V
 from snakeslam.estimation.tracks import Track
 from snakeslam.geometry import so3
 from snakeslam.messages import Float, ImuSample
@@ -189,8 +187,8 @@ def _gyro_bias(window: _Window) -> Float:
 def _velocity_and_gravity(window: _Window, pre: list[Preintegrated]) -> tuple[Float, Float] | None:
     """Return v and g at the first frame, in its IMU frame, from the linear equations of all rays, with |g| known.
 
-    A ray d of frame j with turn R_j sees its point P: [R_j d]x (P - v t_j - g t_j^2 / 2 - alpha_j - R_j p_IC) = 0; a measured
-    depth gives the third row. Points are eliminated; the norm of g enters by a Lagrange multiplier.
+    A ray d of frame j with turn R_j sees its point P: [R_j d]x (P - v t_j - g t_j^2 / 2 - alpha_j - R_j p_IC) = 0; a
+    measured depth gives the third row. Points are eliminated; the norm of g enters by a Lagrange multiplier.
     """
     R_j = np.stack([np.eye(3), *(p.gamma for p in pre)])
     alpha = np.stack([np.zeros(3), *(p.alpha for p in pre)])

@@ -1,7 +1,7 @@
 """Camera rows: reprojection and depth of points seen from the window, batched, whitened, with their Jacobians.
 
-A point in the camera of a clone is p_C = R_CI (R_WI^T (p_W - p_WI) - p_IC). A row triple is (x/z, y/z, z); without depth
-the third row is masked out. The error of the point is projected out through the normal equations, which for the
+A point in the camera of a clone is p_C = R_CI (R_WI^T (p_W - p_WI) - p_IC). A row triple is (x/z, y/z, z); without
+depth the third row is masked out. The error of the point is projected out through the normal equations, which for the
 information is the same as the null space of its Jacobian [Mourikis07]:
 L = sum Hx^T Hx - (Hx^T Hf) (Hf^T Hf)^-1 (Hf^T Hx).
 """

@@ -1,11 +1,12 @@
 """Pre-integrated IMU measurements, Eq. (22)-(27), with bias Jacobians and covariance.
 
-Between two times b_k and b_k+1 the samples are summed in the IMU frame of b_k, so that the result does not depend on the
-pose or velocity there: alpha (position), beta (velocity) and gamma (rotation) [Forster17]. The paper's quaternion gamma
-is a rotation matrix here; its errors are right perturbations.
+Between two times b_k and b_k+1 the samples are summed in the IMU frame of b_k, so that the result does not depend on
+the pose or velocity there: alpha (position), beta (velocity) and gamma (rotation) [Forster17]. The paper's
+quaternion gamma is a rotation matrix here; its errors are right perturbations.
 """
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -94,7 +95,7 @@ def preintegrate(segments: ImuSegments, bias_g: Float, bias_a: Float, noise: Imu
         middle = gamma @ halves[k]
         force = middle @ a[k]
         F = _transition(middle, gamma @ so3.hat(halves[k] @ a[k]), steps[k], jacobians[k], dt)
-        cov = F @ cov @ F.T + _noise(middle, dt, noise)
+        cov = F @ cov @ F.T + _noise(dt, noise)
         J_total = F @ J_total
         alpha = alpha + beta * dt + 0.5 * force * dt**2
         beta = beta + force * dt
@@ -118,7 +119,7 @@ def _transition(middle: Float, r_force_theta: Float, step: Float, jacobian: Floa
     return F
 
 
-def _noise(middle: Float, dt: float, noise: ImuCalibration) -> Float:
+def _noise(dt: float, noise: ImuCalibration) -> Float:
     """Return the covariance that one span adds, (15, 15)."""
     Q = np.zeros((SIZE, SIZE))
     eye = np.eye(3)
@@ -156,10 +157,10 @@ class ImuBuffer:
     def longest_gap_s(self, start_ns: int, end_ns: int) -> float:
         """Return the longest time without a sample between two times."""
         times = [start_ns, *(s.t_ns for s in self._samples if start_ns < s.t_ns < end_ns), end_ns]
-        return max(b - a for a, b in zip(times[:-1], times[1:], strict=True)) / 1e9
+        return max(b - a for a, b in pairwise(times)) / 1e9
 
     def segments(self, start_ns: int, end_ns: int) -> ImuSegments | None:
-        """Return the spans from ``start_ns`` to ``end_ns``; the nearest sample serves where there is none. None if empty."""
+        """Return the spans between two times; the nearest sample serves where there is none. None if empty."""
         if not self._samples or end_ns <= start_ns:
             return None
         t = np.array([s.t_ns for s in self._samples], dtype=np.int64)

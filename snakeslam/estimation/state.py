@@ -1,8 +1,8 @@
 """The filter's state on its manifold: IMU, a window of pose clones, landmarks; one covariance over their errors.
 
-Errors are (theta, p, v, b_g, b_a | theta, p of each clone | p of each landmark), with R_true = R Exp(theta) and additive
-others. Beside each value stands its first estimate (``_fej``), where Jacobians are taken, so that the filter does not
-gain information along directions that nobody observes [Huang10].
+Errors are (theta, p, v, b_g, b_a | theta, p of each clone | p of each landmark), with R_true = R Exp(theta) and
+additive others. Beside each value stands its first estimate (``_fej``), where Jacobians are taken, so that the
+filter does not gain information along directions that nobody observes [Huang10].
 """
 
 from dataclasses import dataclass, field

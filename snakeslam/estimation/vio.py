@@ -1,7 +1,7 @@
 """estimator.mode = vio: tightly coupled vision and IMU in an iterated error-state filter over a window of clones.
 
-For each frame: propagate by the pre-integrated IMU, follow features, clone the pose, update with what left the window or
-was lost and with the landmarks in view, shrink the window, judge.
+For each frame: propagate by the pre-integrated IMU, follow features, clone the pose, update with what left the window
+or was lost and with the landmarks in view, shrink the window, judge.
 """
 
 from dataclasses import dataclass
@@ -94,11 +94,8 @@ class VisualInertialOdometry:
         seen = _Seen(t_ns, self._frontend.process(frame, self._turn(t_ns)))
         self._last_ns = t_ns
         events: list[str] = []
-        used = 0
-        if self._state is None:
-            used = self._try_to_start(seen, events)
-        else:
-            used = self._advance(self._state, seen, gap_s)
+        state = self._state
+        used = self._try_to_start(seen, events) if state is None else self._advance(state, seen, gap_s)
         return self._conclude(frame, seen, used, gap_s, events)
 
     def _conclude(self, frame: CameraFrame, seen: _Seen, used: int, gap_s: float, events: list[str]) -> FrameEstimate:
@@ -254,7 +251,7 @@ class VisualInertialOdometry:
         return in_view if len(self._state.clones if self._state else ()) <= self._settings.window.clones else 0
 
     def _leaving_clone(self, state: State) -> int:
-        """Return which clone leaves: the one before the newest when little moved since the one before it, or the oldest."""
+        """Return which clone leaves: the last but one when little moved since the one before it, else the oldest."""
         second, third = state.clones[-2].t_ns, state.clones[-3].t_ns
         moved: list[float] = []
         for track in self._tracks.all():

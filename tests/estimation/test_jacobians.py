@@ -5,9 +5,9 @@ import pytest
 
 from snakeslam.calibration import ImuCalibration
 from snakeslam.estimation.measurements import CameraRows, Observations, Poses, jacobians, residuals
-from snakeslam.estimation.preintegration import ALPHA, BETA, GAMMA, ImuSegments, preintegrate
+from snakeslam.estimation.preintegration import ImuSegments, preintegrate
 from snakeslam.estimation.settings import NoiseSettings
-from snakeslam.estimation.state import BIAS_A, BIAS_G, BIASES, CORE, THETA, P, State, V
+from snakeslam.estimation.state import BIASES, CORE, State
 from snakeslam.geometry import numeric, so3
 
 GRAVITY_W = np.array([0.0, 0.0, -9.81])
@@ -21,7 +21,7 @@ NOISE = ImuCalibration(
 
 
 def segments(rng: np.random.Generator, n: int = 10) -> ImuSegments:
-    return ImuSegments(rng.normal(0, 1.0, (n, 3)), rng.normal(0, 3.0, (n, 3)) + [0, 0, 9.81], np.full(n, 0.005))
+    return ImuSegments(rng.normal(0, 1.0, (n, 3)), rng.normal([0, 0, 9.81], 3.0, (n, 3)), np.full(n, 0.005))
 
 
 def test_bias_jacobians_of_preintegration(rng: np.random.Generator) -> None:

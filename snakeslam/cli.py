@@ -2,7 +2,6 @@
 
 import json
 import math
-import os
 import signal
 import sys
 from collections.abc import Callable, Generator, Sequence
@@ -22,8 +21,6 @@ if TYPE_CHECKING:
 
 BUILT = "serve, run, replay, eq"
 INTERRUPTED, TERMINATED = 130, 143
-# The matrices are small: more threads make them slower. Read when numpy is loaded, which every command does itself.
-THREAD_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
 
@@ -137,8 +134,6 @@ for _name, _help in (
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code; a user's mistake is one line on stderr, never a traceback."""
-    for variable in THREAD_VARIABLES:
-        os.environ.setdefault(variable, "1")
     use_one_thread()
     try:
         given = list(sys.argv[1:] if arguments is None else arguments)

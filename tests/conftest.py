@@ -1,13 +1,12 @@
 """Fixtures that several rooms' tests share."""
 
-import os
 from pathlib import Path
 
 import pytest
 
-# As in the Makefile: the matrices are small, and threads only hinder each other. Read when numpy is loaded.
-for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS"):
-    os.environ.setdefault(variable, "1")
+from snakeslam.threads import use_one_thread
+
+use_one_thread()
 
 CHECKOUT = Path(__file__).resolve().parents[1]
 SHARED_DATA = CHECKOUT.parent / "shared" / "data"

@@ -4,7 +4,6 @@ The host starts it with a ``SessionSpec`` and talks to it over a pipe (``topics`
 """
 
 import multiprocessing
-import os
 import signal
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -41,9 +40,7 @@ from snakeslam.runtime.topics import (
     Started,
     Stop,
 )
-
-# The matrices are small: more threads make them slower, and hinder whatever else runs. Read when numpy is loaded.
-THREAD_VARIABLES = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")
+from snakeslam.threads import use_one_thread
 
 
 @dataclass(frozen=True, slots=True)
@@ -242,8 +239,7 @@ def _obey(session: Session, pipe: "Connection[Report, Command]", wait_s: float) 
 
 def start_session(spec: SessionSpec) -> "tuple[BaseProcess, Connection[Command, Report]]":
     """Start the child; return its process and the host's end of the pipe."""
-    for variable in THREAD_VARIABLES:
-        os.environ.setdefault(variable, "1")
+    use_one_thread()
     context = multiprocessing.get_context("spawn")
     ours, theirs = context.Pipe()
     process = context.Process(target=run_session, args=(spec, theirs), name="snakeslam-session", daemon=True)

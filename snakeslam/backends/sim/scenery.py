@@ -13,6 +13,7 @@ PICTURE_GAP_M = 0.04
 """Far enough from the wall for the depth buffer to tell them apart at 10 m."""
 BAND_GAP_M = 0.02
 WALL_THICKNESS_M = 0.4
+UNDERLAY_M = 0.06
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,8 +67,12 @@ class Room:
         return self.y1 - self.y0
 
     def floor(self, tile_m: float) -> Mesh:
-        """Return the ground at z = 0."""
-        return meshes.panel((self.x0, self.y0, 0.0), (self.length, 0, 0), (0, self.width, 0), tile_m)
+        """Return the ground at z = 0, and once more just below.
+
+        The second is what a camera close over the ground sees where its near plane cuts the first away.
+        """
+        right, up = (self.length, 0, 0), (0, self.width, 0)
+        return meshes.merge([meshes.panel((self.x0, self.y0, z), right, up, tile_m) for z in (0.0, -UNDERLAY_M)])
 
     def ceiling(self, tile_m: float) -> Mesh:
         """Return the ceiling, seen from below."""

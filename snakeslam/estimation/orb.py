@@ -71,11 +71,6 @@ def spread(px: NDArray[np.float32], response: Float, shape: tuple[int, ...], cou
     return order[by_rank[:count]]
 
 
-def hamming(a: Descriptors, b: Descriptors) -> NDArray[np.int64]:
-    """Return the differing bits of descriptors (..., 4) and (..., 4), broadcast."""
-    return np.bitwise_count(a ^ b).sum(axis=-1, dtype=np.int64)
-
-
 @dataclass(frozen=True, slots=True)
 class Matches:
     """Pairs: ``point`` (M,) indexes the first set, ``feature`` (M,) the second; each occurs once."""

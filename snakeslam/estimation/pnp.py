@@ -97,7 +97,7 @@ def _gauss_newton(T_WC: Float, seen: Sightings) -> tuple[Float, Float]:
     information = np.eye(6)
     for _ in range(STEPS_PER_ROUND):
         r, J = residuals(T_WC, seen), jacobian(T_WC, seen)
-        w = _huber(r)
+        w = huber(r)
         Jw = J * w[..., None]
         information = np.einsum("nij,nik->jk", Jw, J)
         step = -np.linalg.solve(information + DAMPING * np.eye(6), np.einsum("nij,ni->j", Jw, r))
@@ -107,7 +107,7 @@ def _gauss_newton(T_WC: Float, seen: Sightings) -> tuple[Float, Float]:
     return T_WC, information
 
 
-def _huber(r: Float) -> Float:
+def huber(r: Float) -> Float:
     """Return the weights of rows (N, 3): one for the picture's pair, one for the depth."""
     xy = np.linalg.norm(r[:, :2], axis=-1)
     z = np.abs(r[:, 2])

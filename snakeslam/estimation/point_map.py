@@ -9,6 +9,12 @@ from snakeslam.messages import Float
 SLOTS = 3
 """Descriptors kept of a point: from its first sighting, and from later ones that looked otherwise."""
 FIRST_ROOM = 4096
+JUDGED_AFTER = 8
+"""Frames that should show a point before it is judged by how many did."""
+MIN_FOUND = 0.2
+PROVEN = 6
+"""A point found this often stays: a blurred stretch shows few points, and says nothing against them."""
+ARRAYS = ("_points_W", "_information", "_descriptors", "_filled", "_ids", "_expected", "_found", "_last", "_keyframe")
 
 
 class PointMap:
@@ -21,9 +27,12 @@ class PointMap:
         self._descriptors = np.empty((FIRST_ROOM, SLOTS, 4), np.uint64)
         self._filled = np.empty(FIRST_ROOM, np.int64)
         self._ids = np.empty(FIRST_ROOM, np.int64)
-        self._seen = np.empty(FIRST_ROOM, np.int64)
+        self._expected = np.empty(FIRST_ROOM, np.int64)
+        self._found = np.empty(FIRST_ROOM, np.int64)
+        self._last = np.empty(FIRST_ROOM, np.int64)
         self._keyframe = np.empty(FIRST_ROOM, np.int64)
         self._next_id = 0
+        self._frame = 0
 
     @property
     def points_W(self) -> Float:
@@ -50,6 +59,11 @@ class PointMap:
         """Keyframe that made each point (M,)."""
         return self._keyframe[: self.count]
 
+    @property
+    def age(self) -> NDArray[np.int64]:
+        """Frames since each point was last found (M,)."""
+        return self._frame - self._last[: self.count]
+
     def add(self, points_W: Float, information: Float, descriptors: Descriptors, keyframe: int) -> NDArray[np.int64]:
         """Add points (n, 3) with information (n, 3, 3) and descriptors (n, 4); return their indices."""
         n = len(points_W)
@@ -58,19 +72,17 @@ class PointMap:
         new = np.arange(self.count, self.count + n)
         self._points_W[new], self._information[new] = points_W, information
         self._descriptors[new] = descriptors[:, None]
-        self._filled[new], self._seen[new], self._keyframe[new] = 1, 1, keyframe
+        self._filled[new], self._keyframe[new], self._last[new] = 1, keyframe, self._frame
+        self._expected[new] = self._found[new] = 1
         self._ids[new] = np.arange(self._next_id, self._next_id + n)
         self._next_id += n
         self.count += n
         return new
 
-    def fuse(self, index: NDArray[np.int64], points_W: Float, information: Float) -> None:
-        """Average sightings (n, 3) of points into them, weighted by information (n, 3, 3)."""
-        total = self._information[index] + information
-        rhs = (information @ (points_W - self._points_W[index])[..., None])[..., 0]
-        self._points_W[index] += np.linalg.solve(total, rhs[..., None])[..., 0]
-        self._information[index] = total
-        self._seen[index] += 1
+    def place(self, index: NDArray[np.int64], points_W: Float, information: Float) -> None:
+        """Put points to new positions (n, 3) with their information (n, 3, 3)."""
+        self._points_W[index] = points_W
+        self._information[index] = information
 
     def remember(self, index: NDArray[np.int64], descriptors: Descriptors) -> None:
         """Keep how points look now, each in its next slot; the first sighting is never overwritten."""
@@ -78,18 +90,29 @@ class PointMap:
         self._descriptors[index, slot] = descriptors
         self._filled[index] += 1
 
+    def count_frame(self, expected: NDArray[np.int64], found: NDArray[np.int64]) -> None:
+        """Note which points one frame should have shown and which it did."""
+        self._frame += 1
+        self._expected[expected] += 1
+        self._found[found] += 1
+        self._last[found] = self._frame
+
     def shrink(self, max_points: int) -> None:
-        """Forget the points seen least, oldest first, until ``max_points`` are left."""
-        if self.count <= max_points:
-            return
-        order = np.lexsort((-np.arange(self.count), -self._seen[: self.count]))
-        kept = np.sort(order[:max_points])
-        for name in ("_points_W", "_information", "_descriptors", "_filled", "_ids", "_seen", "_keyframe"):
-            array = getattr(self, name)
-            array[:max_points] = array[kept]
-        self.count = max_points
+        """Forget the points that are seldom found where they should be, then those found least, oldest first."""
+        found, expected = self._found[: self.count], self._expected[: self.count]
+        kept = np.flatnonzero((expected < JUDGED_AFTER) | (found >= PROVEN) | (found >= MIN_FOUND * expected))
+        if len(kept) > max_points:
+            kept = np.sort(kept[np.lexsort((-kept, -found[kept]))[:max_points]])
+        self.keep(kept)
+
+    def keep(self, chosen: NDArray[np.bool_] | NDArray[np.int64]) -> None:
+        """Forget all other points; indices (not ids) change."""
+        for name in ARRAYS:
+            kept = getattr(self, name)[: self.count][chosen]
+            getattr(self, name)[: len(kept)] = kept
+        self.count = len(kept)
 
     def _grow(self) -> None:
-        for name in ("_points_W", "_information", "_descriptors", "_filled", "_ids", "_seen", "_keyframe"):
+        for name in ARRAYS:
             array = getattr(self, name)
             setattr(self, name, np.concatenate([array, np.empty_like(array)]))

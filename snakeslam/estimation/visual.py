@@ -22,6 +22,7 @@ from snakeslam.messages import CameraFrame, Float, Health, Packet, PoseEstimate,
 
 MIN_START_POINTS = 50
 COAST_S = 0.3
+NO_PAIRS = np.empty(0, np.int64)
 BLIND_SIGMA_M_S = 0.5
 BLIND_SIGMA_RAD_S = 1.0
 R_LEVEL_WC = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
@@ -82,16 +83,12 @@ class VisualOdometry:
         if deep < MIN_START_POINTS:
             reason = f"few features with depth: {deep}"
             return _estimate(frame, None, Health(Verdict.INITIALISING, (reason,), deep), None, events)
-        T_IC = se3.inv(self._T_CI)
-        T_WC = se3.from_rt(R_LEVEL_WC, R_LEVEL_WC @ self._T_CI[:3, :3] @ T_IC[:3, 3] * 0.0)
-        T_WC[:3, 3] = -(T_WC[:3, :3] @ self._T_CI[:3, 3])
+        T_WC = se3.from_rt(R_LEVEL_WC, -R_LEVEL_WC @ self._T_CI[:3, 3])
         return self._begin(frame, view, T_WC, np.zeros((6, 6)), (*events, "initialised"))
 
-    def _begin(
-        self, frame: CameraFrame, view: View, T_WC: Float, cov: Float, events: tuple[str, ...]
-    ) -> FrameEstimate:
+    def _begin(self, frame: CameraFrame, view: View, T_WC: Float, cov: Float, events: tuple[str, ...]) -> FrameEstimate:
         self._map = VisualMap(self._settings)
-        self._map.add_keyframe(T_WC, cov, view, np.zeros(len(view), bool))
+        self._map.add_keyframe(T_WC, cov, view, NO_PAIRS, NO_PAIRS)
         self._track = _Track(frame.t_ns, T_WC, cov, np.zeros(6))
         self._tracked_ns, self._lost = frame.t_ns, False
         health = Health(Verdict.GOOD, (), self._map.points.count)
@@ -102,7 +99,7 @@ class VisualOdometry:
         match = self._matcher.near(view, self._map, predicted)
         found_again = False
         if match is None or match.agreeing < self._settings.min_inliers:
-            wide = self._matcher.anywhere(view, self._map, predicted)
+            wide = self._matcher.anywhere(view, self._map)
             if wide is not None and wide.agreeing >= self._settings.relocalise_inliers:
                 match, found_again = wide, self._lost
         reasons = self._objections(frame, track, match, found_again)
@@ -110,9 +107,7 @@ class VisualOdometry:
             return self._blind(frame, match, reasons)
         return self._accept(frame, view, track, match, ("relocalised",) if found_again else ())
 
-    def _objections(
-        self, frame: CameraFrame, track: _Track, match: Match | None, found_again: bool
-    ) -> tuple[str, ...]:
+    def _objections(self, frame: CameraFrame, track: _Track, match: Match | None, found_again: bool) -> tuple[str, ...]:
         """Return why a fit is not to be believed, in words."""
         if match is None:
             return ("nothing in the picture matches the map",)
@@ -136,13 +131,23 @@ class VisualOdometry:
         coasted = frame.t_ns - track.t_ns > COAST_S * 1e9
         twist = np.zeros(6) if coasted else se3.log(se3.inv(track.T_WC) @ T_WC) / dt_s
         cov = match.fit.cov + self._map.base_cov(match.point[match.fit.inliers], T_WC)
-        self._track = _Track(frame.t_ns, T_WC, cov, twist)
+        published = _Track(frame.t_ns, T_WC, cov, twist)
+        self._track = replace(published, T_WC=self._learn(view, match, cov))
         self._tracked_ns, self._lost = frame.t_ns, False
-        self._map.learn(T_WC, cov, view, match)
         health = self._health(match, view)
         p_before, p_now = (_imu_position(T, self._T_CI) for T in (track.T_WC, T_WC))
         velocity = np.zeros(3) if coasted else (p_now - p_before) / dt_s
-        return _estimate(frame, self._pose(self._track, velocity, health), health, match, events)
+        return _estimate(frame, self._pose(published, velocity, health), health, match, events)
+
+    def _learn(self, view: View, match: Match, cov: Float) -> Float:
+        """Take the frame into the map where it adds something; return T_WC, which that may have changed."""
+        T_WC = match.fit.T_WC
+        agreeing = match.fit.inliers
+        self._map.points.count_frame(match.visible, match.point[agreeing])
+        if not self._map.is_new(T_WC, view, match.feature[agreeing]):
+            return T_WC
+        before = self._matcher.seen_before(view, self._map, T_WC)
+        return self._map.extend(T_WC, cov, view, match, before)
 
     def _health(self, match: Match, view: View) -> Health:
         reasons: list[str] = []

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from snakeslam.estimation.bundle import Bundle, adjust
+from snakeslam.estimation.orb import Matches
 from snakeslam.estimation.point_map import PointMap
 from snakeslam.estimation.visual_settings import VisualSettings
 from snakeslam.geometry import se3, so3
@@ -15,55 +18,147 @@ from snakeslam.messages import Float
 if TYPE_CHECKING:
     from snakeslam.estimation.visual_match import Match, View
 
+REACH = 60
+"""Keyframes back among which those are looked for that share points."""
+MIN_SHARED = 15
+
+
+@dataclass(slots=True)
+class Keyframe:
+    """A frame that the map rests on: ``T_WC``, which points (ids, ascending) it shows where, and its covariance in W."""
+
+    T_WC: Float
+    cov_W: Float
+    ids: NDArray[np.int64]
+    xyz: Float
+    weights: Float
+
+    def keep(self, chosen: NDArray[np.bool_]) -> None:
+        """Forget the other sightings."""
+        self.ids, self.xyz, self.weights = self.ids[chosen], self.xyz[chosen], self.weights[chosen]
+
 
 class VisualMap:
-    """Grows by keyframes; sightings of known points are averaged into them."""
+    """Grows by keyframes, which are adjusted together with the points that they share."""
 
     def __init__(self, settings: VisualSettings) -> None:
         self._settings = settings
         self.points = PointMap()
-        self._Ts_WK: list[Float] = []
-        self._covs_W: list[Float] = []
+        self.keyframes: list[Keyframe] = []
 
-    def add_keyframe(self, T_WC: Float, cov: Float, view: View, known: NDArray[np.bool_]) -> None:
-        """Add the features with depth that are not ``known`` (N,) as points; ``cov`` is of the right perturbation."""
-        new = np.flatnonzero(view.has_depth & ~known)
-        points_W, information = _in_world(T_WC, view, new)
-        self.points.add(points_W, information, view.features.descriptors[new], len(self._Ts_WK))
+    def add_keyframe(
+        self, T_WC: Float, cov: Float, view: View, feature: NDArray[np.int64], point: NDArray[np.int64]
+    ) -> None:
+        """Add a frame in which ``feature`` (n,) shows ``point`` (n,); its other features with depth become points.
+
+        ``cov`` (6, 6) is of the right perturbation of T_WC.
+        """
+        new = view.has_depth.copy()
+        new[feature] = False
+        fresh = np.flatnonzero(new)
+        points_W, information = _in_world(T_WC, view, fresh)
+        added = self.points.add(points_W, information, view.features.descriptors[fresh], len(self.keyframes))
+        ids = self.points.ids[np.concatenate([point, added])]
+        order = np.argsort(ids)
+        seen = np.concatenate([feature, fresh])[order]
         Ad = se3.adjoint(T_WC)
-        self._Ts_WK.append(T_WC)
-        self._covs_W.append(Ad @ cov @ Ad.T)
+        self.keyframes.append(Keyframe(T_WC, Ad @ cov @ Ad.T, ids[order], view.xyz[seen], view.weights[seen]))
         self.points.shrink(self._settings.max_points)
 
-    def learn(self, T_WC: Float, cov: Float, view: View, match: Match) -> None:
-        """Average the agreeing sightings into their points; add a keyframe where the map is thin or the view new."""
-        deep = match.fit.inliers & view.has_depth[match.feature]
-        point, feature = match.point[deep], match.feature[deep]
-        self.points.fuse(point, *_in_world(T_WC, view, feature))
-        known = np.zeros(len(view), bool)
-        known[match.feature[match.fit.inliers]] = True
-        if not self._is_new(T_WC, view, known):
+    def extend(self, T_WC: Float, cov: Float, view: View, match: Match, before: Matches) -> Float:
+        """Add the frame as a keyframe, join points that turn out to be the same, adjust; return T_WC by it.
+
+        A feature that shows a point of ``match`` and one seen long ago (``before``) says that the two are one.
+        """
+        good = match.fit.inliers
+        ids = np.full(len(view), -1, np.int64)
+        ids[match.feature[good]] = self.points.ids[match.point[good]]
+        older = self.points.ids[before.point]
+        twice = (ids[before.feature] >= 0) & (ids[before.feature] != older)
+        self._join(ids[before.feature][twice], older[twice])
+        ids[np.isin(ids, older)] = -1
+        ids[before.feature] = older
+        feature = np.flatnonzero(np.isin(ids, self.points.ids))
+        point = np.searchsorted(self.points.ids, ids[feature])
+        self.points.remember(point, view.features.descriptors[feature])
+        self.add_keyframe(T_WC, cov, view, feature, point)
+        self._adjust()
+        return self.keyframes[-1].T_WC
+
+    def _join(self, young: NDArray[np.int64], old: NDArray[np.int64]) -> None:
+        """Let sightings of the points with ids ``young`` (n,) be of ``old`` (n,), and forget the young."""
+        if not len(young):
             return
-        agreed = match.point[match.fit.inliers]
-        self.points.remember(agreed, view.features.descriptors[match.feature[match.fit.inliers]])
-        self.add_keyframe(T_WC, cov, view, known)
+        order = np.argsort(young)
+        young, old = young[order], old[order]
+        for keyframe in self.keyframes:
+            at = np.minimum(np.searchsorted(young, keyframe.ids), len(young) - 1)
+            ids = np.where(young[at] == keyframe.ids, old[at], keyframe.ids)
+            keyframe.ids, first = np.unique(ids, return_index=True)
+            keyframe.xyz, keyframe.weights = keyframe.xyz[first], keyframe.weights[first]
+        self.points.keep(~np.isin(self.points.ids, young))
+
+    def _adjust(self) -> None:
+        """Adjust the newest keyframe, those that share most with it, and their points; others that see them stay."""
+        newest = self.keyframes[-1].ids
+        recent = range(max(0, len(self.keyframes) - REACH), len(self.keyframes))
+        shared = np.array([np.isin(self.keyframes[k].ids, newest, assume_unique=True).sum() for k in recent])
+        order = np.array(recent)[np.lexsort((-np.array(recent), -shared))][: np.count_nonzero(shared >= MIN_SHARED)]
+        n_free = min(self._settings.window, len(order) - 1)
+        if n_free < 1:
+            return
+        # The oldest of those that see the same never moves: it holds the map where it is.
+        first = int(order.min())
+        free = [k for k in order.tolist() if k != first][:n_free]
+        fixed = [k for k in order.tolist() if k not in free][: self._settings.window]
+        if first not in fixed:
+            fixed[-1:] = [first]
+        self._adjust_window([self.keyframes[k] for k in free], [self.keyframes[k] for k in fixed])
+
+    def _adjust_window(self, free: list[Keyframe], fixed: list[Keyframe]) -> None:
+        window = [*free, *fixed]
+        wanted, counts = np.unique(np.concatenate([keyframe.ids for keyframe in window]), return_counts=True)
+        by_free = np.unique(np.concatenate([keyframe.ids for keyframe in free]))
+        wanted = wanted[(counts >= 2) & np.isin(wanted, by_free, assume_unique=True)]
+        wanted = wanted[np.isin(wanted, self.points.ids, assume_unique=True)]
+        chosen = [np.isin(keyframe.ids, wanted, assume_unique=True) for keyframe in window]
+        index = np.searchsorted(self.points.ids, wanted)
+        bundle = Bundle(
+            Ts_WK=np.stack([keyframe.T_WC for keyframe in window]),
+            free=len(free),
+            points_W=self.points.points_W[index],
+            keyframe=np.repeat(np.arange(len(window)), [int(mask.sum()) for mask in chosen]),
+            point=np.searchsorted(wanted, np.concatenate([k.ids[m] for k, m in zip(window, chosen, strict=True)])),
+            xyz=np.concatenate([k.xyz[m] for k, m in zip(window, chosen, strict=True)]),
+            weights=np.concatenate([k.weights[m] for k, m in zip(window, chosen, strict=True)]),
+        )
+        adjusted = adjust(bundle, self._settings.adjust_rounds)
+        self.points.place(index, adjusted.points_W, adjusted.information)
+        for k, keyframe in enumerate(window):
+            keyframe.T_WC = adjusted.Ts_WK[k]
+            good = np.ones(len(keyframe.ids), bool)
+            good[chosen[k]] = adjusted.inliers[bundle.keyframe == k]
+            keyframe.keep(good)
 
     def base_cov(self, points: NDArray[np.int64], T_WC: Float) -> Float:
         """Return the mean covariance that points have from their keyframes' poses, as right perturbation of T_WC."""
-        share = np.bincount(self.points.keyframe[points], minlength=len(self._covs_W)) / max(len(points), 1)
-        cov_W = np.einsum("k,kij->ij", share, np.stack(self._covs_W))
+        keyframes, counts = np.unique(self.points.keyframe[points], return_counts=True)
+        covs_W = np.stack([self.keyframes[k].cov_W for k in keyframes.tolist()])
+        cov_W = np.einsum("k,kij->ij", counts / counts.sum(), covs_W)
         Ad = se3.adjoint(se3.inv(T_WC))
         return Ad @ cov_W @ Ad.T
 
-    def _is_new(self, T_WC: Float, view: View, known: NDArray[np.bool_]) -> bool:
+    def is_new(self, T_WC: Float, view: View, feature: NDArray[np.int64]) -> bool:
         """Whether few of the features are in the map, or no keyframe is near and turned the same way."""
         deep = view.has_depth
-        if np.count_nonzero(known & deep) < self._settings.keyframe_matched * np.count_nonzero(deep):
+        if np.count_nonzero(deep[feature]) < self._settings.keyframe_matched * np.count_nonzero(deep):
             return True
-        Ts = np.stack(self._Ts_WK)
-        far = np.linalg.norm(Ts[:, :3, 3] - T_WC[:3, 3], axis=-1) > self._settings.keyframe_distance_m
-        angle = np.linalg.norm(so3.log(np.swapaxes(Ts[:, :3, :3], -1, -2) @ T_WC[:3, :3]), axis=-1)
-        return bool(np.all(far | (angle > np.deg2rad(self._settings.keyframe_angle_deg))))
+        Ts = [keyframe.T_WC for keyframe in self.keyframes]
+        near = [T for T in Ts if np.linalg.norm(T[:3, 3] - T_WC[:3, 3]) <= self._settings.keyframe_distance_m]
+        if not near:
+            return True
+        turned = np.linalg.norm(so3.log(np.swapaxes(np.stack(near)[:, :3, :3], -1, -2) @ T_WC[:3, :3]), axis=-1)
+        return bool(np.all(turned > np.deg2rad(self._settings.keyframe_angle_deg)))
 
 
 def _in_world(T_WC: Float, view: View, feature: NDArray[np.int64]) -> tuple[Float, Float]:

@@ -2,13 +2,14 @@
 
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from snakeslam.estimation.camera import PinholeCamera
 from snakeslam.estimation.frontend import sample_depth
-from snakeslam.estimation.orb import Matches, OrbExtractor, OrbFeatures, best_pairs, hamming
+from snakeslam.estimation.orb import Matches, OrbExtractor, OrbFeatures, best_pairs
 from snakeslam.estimation.pnp import MIN_Z_M, PoseFit, Sightings, ransac_pose, refine_pose
 from snakeslam.estimation.settings import NoiseSettings
 from snakeslam.estimation.visual_map import VisualMap
@@ -20,7 +21,10 @@ RANSAC_THRESHOLD_PX = 4.0
 MARGIN = 0.1
 UNKNOWN_EXPOSURE_S = 0.01
 BLUR_TO_SIGMA = 0.3
-BLOCK = 256
+RECENT_FRAMES = 3
+MIN_RECENT = 100
+OLD_FRAMES = 10
+NOTHING = Matches(np.empty(0, np.int64), np.empty(0, np.int64))
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,12 +46,13 @@ class View:
 
 @dataclass(frozen=True, slots=True)
 class Match:
-    """Pairs of map points (M,) and features (M,) with their pixels and ids, and the pose fitted to them."""
+    """Pairs of map points (M,) and features (M,) with pixels and ids; the pose they give; points it should show (V,)."""
 
     point: NDArray[np.int64]
     feature: NDArray[np.int64]
     px: NDArray[np.float32]
     ids: NDArray[np.int64]
+    visible: NDArray[np.int64]
     fit: PoseFit
 
     @property
@@ -56,9 +61,7 @@ class Match:
         return int(np.count_nonzero(self.fit.inliers))
 
 
-def look(
-    frame: CameraFrame, orb: OrbExtractor, camera: PinholeCamera, noise: NoiseSettings, rate_rad_s: float
-) -> View:
+def look(frame: CameraFrame, orb: OrbExtractor, camera: PinholeCamera, noise: NoiseSettings, rate_rad_s: float) -> View:
     """Return a frame's features with depth and noise; blur from a turn of ``rate_rad_s`` widens the noise."""
     features = orb.extract(frame.gray)
     z = sample_depth(frame.depth_m, features.px)
@@ -83,64 +86,85 @@ class Matcher:
         self._low, self._high = limits.min(axis=0) - MARGIN, limits.max(axis=0) + MARGIN
 
     def near(self, view: View, known: VisualMap, T_WC: Float) -> Match | None:
-        """Return the match around a predicted pose: a wide search, RANSAC, then a close search."""
-        wide = self._search(view, known, T_WC, self._settings.search_px)
-        start = self._consensus(view, known, wide)
+        """Return the match around a predicted pose: a wide search for what was just seen, then a close one for all."""
+        recent = np.flatnonzero(known.points.age <= RECENT_FRAMES)
+        among = self._visible(known, T_WC, recent if len(recent) >= MIN_RECENT else None)
+        wide = self._search(view, known, T_WC, among, self._settings.search_px)
+        start = self._consensus(view, known, wide, T_WC)
         return None if start is None else self._closely(view, known, start)
 
-    def anywhere(self, view: View, known: VisualMap, T_WC: Float) -> Match | None:
+    def anywhere(self, view: View, known: VisualMap) -> Match | None:
         """Return the match of a picture whose pose is not known, by its descriptors alone."""
-        del T_WC
-        start = self._consensus(view, known, self._all_pairs(view, known))
+        start = self._consensus(view, known, self._all_pairs(view, known), None)
         return None if start is None else self._closely(view, known, start)
 
-    def _closely(self, view: View, known: VisualMap, T_WC: Float) -> Match | None:
-        pairs = self._search(view, known, T_WC, self._settings.refine_px)
+    def seen_before(self, view: View, known: VisualMap, T_WC: Float) -> Matches:
+        """Return the agreeing pairs with points that were out of sight for some time, even if the map drifted since."""
+        old = self._visible(known, T_WC, np.flatnonzero(known.points.age > OLD_FRAMES))
+        pairs = self._search(view, known, T_WC, old, self._settings.search_px)
+        start = self._consensus(view, known, pairs, T_WC)
+        match = None if start is None else self._closely(view, known, start, old)
+        if match is None or match.agreeing < self._settings.relocalise_inliers:
+            return NOTHING
+        return Matches(match.point[match.fit.inliers], match.feature[match.fit.inliers])
+
+    def _closely(
+        self, view: View, known: VisualMap, T_WC: Float, among: NDArray[np.int64] | None = None
+    ) -> Match | None:
+        visible = self._visible(known, T_WC, among)
+        pairs = self._search(view, known, T_WC, visible, self._settings.refine_px)
         fit = refine_pose(T_WC, _sightings(view, known, pairs))
         if fit is None:
             return None
         px, ids = view.features.px[pairs.feature], known.points.ids[pairs.point]
-        return Match(pairs.point, pairs.feature, px, ids, fit)
+        return Match(pairs.point, pairs.feature, px, ids, visible, fit)
 
-    def _consensus(self, view: View, known: VisualMap, pairs: Matches) -> Float | None:
+    def _consensus(self, view: View, known: VisualMap, pairs: Matches, T_WC: Float | None) -> Float | None:
+        """Return the pose that most pairs agree with: from the prediction where that serves, else by RANSAC."""
         seen = _sightings(view, known, pairs)
-        T_WC = ransac_pose(seen, self._camera.focal_px, RANSAC_THRESHOLD_PX, self._seed)
-        if T_WC is None:
-            return None
-        fit = refine_pose(T_WC, seen)
+        if T_WC is not None:
+            fit = refine_pose(T_WC, seen)
+            if fit is not None and np.count_nonzero(fit.inliers) >= max(MIN_RECENT, len(pairs) // 2):
+                return fit.T_WC
+        start = ransac_pose(seen, self._camera.focal_px, RANSAC_THRESHOLD_PX, self._seed)
+        fit = None if start is None else refine_pose(start, seen)
         return None if fit is None else fit.T_WC
 
-    def _search(self, view: View, known: VisualMap, T_WC: Float, radius_px: float) -> Matches:
-        """Match each visible map point with the features around the place where the pose puts it."""
-        q = (known.points.points_W - T_WC[:3, 3]) @ T_WC[:3, :3]
-        z = np.maximum(q[:, 2], MIN_Z_M)
-        xy = q[:, :2] / z[:, None]
-        visible = np.flatnonzero((q[:, 2] > MIN_Z_M) & np.all((xy > self._low) & (xy < self._high), axis=-1))
-        radius = radius_px / REFERENCE_FOCAL_PX
-        if not len(visible) or not len(view):
-            return Matches(np.empty(0, np.int64), np.empty(0, np.int64))
-        near = cKDTree(xy[visible]).sparse_distance_matrix(
-            cKDTree(view.xyz[:, :2]), radius, output_type="coo_matrix"
+    def _visible(self, known: VisualMap, T_WC: Float, among: NDArray[np.int64] | None) -> NDArray[np.int64]:
+        """Return which points, of those in ``among`` or all, the pose puts into the picture."""
+        points_W = known.points.points_W if among is None else known.points.points_W[among]
+        q = (points_W - T_WC[:3, 3]) @ T_WC[:3, :3]
+        xy = q[:, :2] / np.maximum(q[:, 2:], MIN_Z_M)
+        inside = np.flatnonzero((q[:, 2] > MIN_Z_M) & np.all((xy > self._low) & (xy < self._high), axis=-1))
+        return inside if among is None else among[inside]
+
+    def _search(
+        self, view: View, known: VisualMap, T_WC: Float, points: NDArray[np.int64], radius_px: float
+    ) -> Matches:
+        """Match each of the points with the features around the place where the pose puts it."""
+        if not len(points) or not len(view):
+            return NOTHING
+        q = (known.points.points_W[points] - T_WC[:3, 3]) @ T_WC[:3, :3]
+        xy = q[:, :2] / np.maximum(q[:, 2:], MIN_Z_M)
+        near = cKDTree(xy).sparse_distance_matrix(
+            cKDTree(view.xyz[:, :2]), radius_px / REFERENCE_FOCAL_PX, output_type="ndarray"
         )
-        order = np.lexsort((near.col, near.row))
-        rows, columns = visible[near.row[order]], near.col[order].astype(np.int64)
-        bits = hamming(known.points.descriptors[rows], view.features.descriptors[columns, None]).min(axis=-1)
+        code = np.sort(near["i"] * len(view) + near["j"])
+        rows, columns = points[code // len(view)], code % len(view)
+        looks, seen = known.points.descriptors[rows], view.features.descriptors[columns]
+        bits = np.bitwise_count(looks ^ seen[:, None]).sum(axis=-1, dtype=np.int64).min(axis=-1)
         return best_pairs(rows, columns, bits, self._settings.max_hamming, self._settings.match_ratio)
 
     def _all_pairs(self, view: View, known: VisualMap) -> Matches:
-        """Match every feature with every map point, in blocks that fit the cache."""
-        best = np.empty(len(view), np.int64)
-        point = np.empty(len(view), np.int64)
-        runner_up = np.empty(len(view), np.int64)
-        first_looks = known.points.descriptors[:, 0]
-        for k, descriptor in enumerate(view.features.descriptors):
-            bits = hamming(first_looks, descriptor)
-            point[k] = np.argmin(bits)
-            best[k] = bits[point[k]]
-            bits[point[k]] = 257
-            runner_up[k] = bits.min()
-        clear = np.flatnonzero((best <= self._settings.max_hamming) & (best <= self._settings.match_ratio * runner_up))
-        return Matches(point[clear], clear)
+        """Match every feature with every map point by its first look."""
+        if not len(view) or known.points.count < 2:
+            return NOTHING
+        looks = np.ascontiguousarray(known.points.descriptors[:, 0]).view(np.uint8)
+        pairs = cv2.BFMatcher(cv2.NORM_HAMMING).knnMatch(view.features.descriptors.view(np.uint8), looks, k=2)
+        limit, ratio = self._settings.max_hamming, self._settings.match_ratio
+        clear = [a for a, b in pairs if a.distance <= limit and a.distance <= ratio * b.distance]
+        point, feature = np.array([[m.trainIdx, m.queryIdx] for m in clear], dtype=np.int64).reshape(-1, 2).T
+        return Matches(point, feature)
 
 
 def _sightings(view: View, known: VisualMap, pairs: Matches) -> Sightings:

@@ -38,3 +38,6 @@ class VisualSettings(Settings):
     """A frame becomes a keyframe when less than this part of its features with depth are in the map."""
     max_points: Annotated[int, Field(ge=1000, le=500_000)] = 30_000
     """Points in the map; beyond it those seen least go first."""
+    window: Annotated[int, Field(ge=1, le=30)] = 7
+    """Keyframes adjusted together when a new one comes; as many more hold them."""
+    adjust_rounds: Annotated[int, Field(ge=0, le=20)] = 4

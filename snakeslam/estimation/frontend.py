@@ -168,7 +168,7 @@ class Frontend:
     def _corners(self, gray: NDArray[np.uint8], mask: NDArray[np.uint8]) -> Float:
         """Return FAST corners (x, y, response), with a lower threshold where the picture gives few."""
         for threshold in (self._settings.fast_threshold, max(2, self._settings.fast_threshold // 2)):
-            found = cv2.FastFeatureDetector_create(threshold=threshold).detect(gray, mask)
+            found = cv2.FastFeatureDetector.create(threshold=threshold).detect(gray, mask)
             if len(found) >= ENOUGH_CORNERS * (self._settings.max_tracks - len(self._px)):
                 break
         return np.array([(*k.pt, k.response) for k in found], dtype=np.float64).reshape(-1, 3)

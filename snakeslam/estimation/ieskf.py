@@ -33,7 +33,7 @@ POINT_PRIOR = 1e4
 SMALL_STEP = 1e-5
 LINEAR = 0.01
 """A first step that brings the cost that the linear model foresees, to this part, needs no second."""
-CHI2 = chi2.ppf(GATE_QUANTILE, np.arange(1, 200))
+CHI2: Float = np.asarray(chi2.ppf(GATE_QUANTILE, np.arange(1, 200)), dtype=np.float64)
 
 
 @dataclass(slots=True)

@@ -50,6 +50,11 @@ MAX_BIAS_G = 0.5
 MAX_BIAS_A = 1.0
 CAUTION = 2.0
 REFINE_ROUNDS = 10
+SUM_AGAIN = 3
+SETTLED = 1e-4
+DAMPING = 1e-4
+FREE_BIAS_G = 4.0
+"""Information on the gyro's bias, (rad/s)^-2: next to none."""
 
 
 def upright(gravity_I: Float) -> Float:
@@ -59,7 +64,7 @@ def upright(gravity_I: Float) -> Float:
     if np.linalg.norm(ahead) < 0.1:
         ahead = np.array([0.0, 1.0, 0.0]) - up[1] * up
     ahead /= np.linalg.norm(ahead)
-    return np.stack([ahead, np.cross(up, ahead), up])
+    return np.asarray(np.stack([ahead, np.cross(up, ahead), up]), dtype=np.float64)
 
 
 def start_still(samples: Sequence[ImuSample], t_ns: int, gravity_m_s2: float, noise: ImuCalibration) -> State | None:
@@ -259,26 +264,32 @@ class _Refinement:
     def solve(self) -> _Start | None:
         """Return the refined start, or None when it is not plausible."""
         prior = np.zeros(12)
-        prior[self.SBG], prior[self.SBA] = SIGMA_BIAS_G**-2 * 0.01, SIGMA_BIAS_A**-2
-        damping, last = 1e-4, np.inf
-        for round_number in range(REFINE_ROUNDS):
-            pre = self.w.motions(self.bias_g, self.bias_a) if round_number % 3 == 0 else pre  # noqa: F821
-            A, b, cost, rms = self._normal_equations(pre)
-            scale = np.diag(np.diag(A)) * damping
-            A_all = A + np.diag(prior) + np.outer(self._g_row(), self._g_row())
-            b_all = b - prior * np.concatenate([np.zeros(6), self.bias_g * 0.0, self.bias_a])
-            step = np.linalg.solve(A_all + scale, b_all)
+        prior[self.SBG], prior[self.SBA] = FREE_BIAS_G, SIGMA_BIAS_A**-2
+        pre = self.w.motions(self.bias_g, self.bias_a)
+        A, b, cost, rms = self._normal_equations(pre)
+        for rounds in range(1, REFINE_ROUNDS):
+            pull = np.concatenate([np.zeros(9), prior[self.SBA] * self.bias_a])
+            scale = np.diag(np.diag(A)) * DAMPING
+            step: Float = np.asarray(np.linalg.solve(self._with_prior(A, prior) + scale, b - pull), dtype=np.float64)
             if not np.all(np.isfinite(step)):
                 return None
             self._apply(step)
-            if abs(last - cost) < 1e-4 * max(cost, 1e-9) and round_number > 3:
-                break
+            if rounds % SUM_AGAIN == 0:
+                pre = self.w.motions(self.bias_g, self.bias_a)
             last = cost
-        cov = np.linalg.inv(A_all)
+            A, b, cost, rms = self._normal_equations(pre)
+            if abs(last - cost) < SETTLED * max(cost, SETTLED) and rounds > SUM_AGAIN:
+                break
+        cov: Float = np.asarray(np.linalg.inv(self._with_prior(A, prior)), dtype=np.float64)
         return self._accepted(cov, rms)
 
+    def _with_prior(self, A: Float, prior: Float) -> Float:
+        """Return the information with the priors and a strong tie of the turn about g itself, which means nothing."""
+        row = self._g_row()
+        return A + np.diag(prior) + np.outer(row, row)
+
     def _g_row(self) -> Float:
-        """Return a strong tie of the turn about g itself, which means nothing."""
+        """Return the turn about g itself as a row, weighted strongly."""
         row = np.zeros(12)
         row[self.SG] = self.g / np.linalg.norm(self.g) * 1e4
         return row

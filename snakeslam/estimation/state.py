@@ -8,6 +8,7 @@ filter does not gain information along directions that nobody observes [Huang10]
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from snakeslam.estimation.preintegration import ALPHA, BETA, Preintegrated
 from snakeslam.estimation.preintegration import GAMMA as GAMMA_ROWS
@@ -176,7 +177,7 @@ class State:
         for k, landmark in enumerate(self.landmarks):
             landmark.p_W = landmark.p_W + dx[self.landmark_slice(k)]
 
-    def reduce_covariance(self, rows: Float, information: Float) -> None:
+    def reduce_covariance(self, rows: NDArray[np.int64], information: Float) -> None:
         """Take up ``information`` L (m, m) on the error's ``rows`` (m,): P_m: <- (I + P_mm L)^-1 P_m:."""
         others = np.setdiff1d(np.arange(self.size), rows)
         before = self.cov[rows]

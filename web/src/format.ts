@@ -42,6 +42,8 @@ export function unitSign(unit: string): string {
   return { deg: "\u00b0", "pi rad": "\u03c0 rad", "deg/s": "\u00b0/s" }[unit] ?? unit;
 }
 
+export const capitalised = (text: string): string => text.charAt(0).toUpperCase() + text.slice(1);
+
 /** The shortest decimals that still show a slider's step. */
 export function stepDecimals(step: number): number {
   return Math.max(0, Math.min(4, Math.ceil(-Math.log10(step) - 1e-9)));

@@ -2,7 +2,7 @@
 
 import type { App } from "../app";
 import { type IconName, byId, h, icon, setText } from "../dom";
-import { fixed, scaled } from "../format";
+import { capitalised, fixed, scaled } from "../format";
 import { Sparkline } from "../sparkline";
 import type { Health, RobotState, Tick, Verdict } from "../types";
 import { Readout } from "./readout";
@@ -44,7 +44,7 @@ export function mountEstimator(app: App): void {
     if (box.dataset["verdict"] !== health.verdict) mark.replaceChildren(icon(words.icon));
     box.dataset["verdict"] = health.verdict;
     setText(word, words.word);
-    setText(why, health.reasons.length > 0 ? sentence(health.reasons) : words.meaning);
+    setText(why, health.reasons.length > 0 ? capitalised(health.reasons.join("; ")) : words.meaning);
   };
   const onState = (state: RobotState | null) => {
     if (!state) return;
@@ -60,9 +60,4 @@ export function mountEstimator(app: App): void {
   app.state.watch(onState);
   app.tick.on(onTick);
   window.setInterval(() => [tracks, error].forEach((readout) => readout.draw()), 200);
-}
-
-function sentence(reasons: string[]): string {
-  const joined = reasons.join("; ");
-  return joined.charAt(0).toUpperCase() + joined.slice(1);
 }

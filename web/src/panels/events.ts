@@ -2,7 +2,7 @@
 
 import type { App } from "../app";
 import { byId, cssColour, fitCanvas, h } from "../dom";
-import { clock } from "../format";
+import { capitalised, clock } from "../format";
 import type { TimelineEvent, Verdict } from "../types";
 
 const KEPT = 200;
@@ -54,7 +54,7 @@ function item(event: TimelineEvent): HTMLElement {
     "li",
     { "data-level": event.level },
     h("time", { class: "num" }, clock(event.t_s)),
-    h("span", {}, h("span", { class: "visually-hidden" }, words[event.level]), event.text),
+    h("span", {}, h("span", { class: "visually-hidden" }, words[event.level]), capitalised(event.text)),
   );
 }
 

@@ -15,11 +15,11 @@ COMPOUND_SIZE = 16
 
 
 def place_world(world: World, client_id: int) -> None:
-    """Add the pictures and obstacles of ``world``; the files they go through are removed again."""
+    """Add the pictures and obstacles of ``world``; the (uncompressed) files they go through are removed again."""
     with tempfile.TemporaryDirectory() as folder:
         for k, (texture, shapes) in enumerate(world.pictures):
-            picture, shape = Path(folder) / f"{k}.png", Path(folder) / f"{k}.obj"
-            cv2.imwrite(str(picture), cv2.cvtColor(texture, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_PNG_COMPRESSION, 1])
+            picture, shape = Path(folder) / f"{k}.bmp", Path(folder) / f"{k}.obj"
+            cv2.imwrite(str(picture), cv2.cvtColor(texture, cv2.COLOR_RGB2BGR))
             shape.write_text(meshes.obj(meshes.merge(shapes)))
             _place_picture(shape, picture, client_id)
     for first in range(0, len(world.obstacles), COMPOUND_SIZE):

@@ -1,7 +1,7 @@
 """Local bundle adjustment: poses of keyframes and points of the map that fit all their sightings best.
 
-Rows and right perturbation as in ``pnp``; r_D_p_W = -W h_D_q R_WC^T. Points are eliminated (Schur complement [Triggs00]):
-with V = J_p^T J_p and W = J_c^T J_p, S = U - W V^-1 W^T, step_c = -S^-1 (b_c - W V^-1 b_p).
+Rows and right perturbation as in ``pnp``; r_D_p_W = -W h_D_q R_WC^T. Points are eliminated by the Schur
+complement [Triggs00]: with V = J_p^T J_p and W = J_c^T J_p, S = U - W V^-1 W^T, step_c = -S^-1 (b_c - W V^-1 b_p).
 """
 
 from dataclasses import dataclass
@@ -44,7 +44,7 @@ class Adjusted:
 
 
 def adjust(bundle: Bundle, rounds: int) -> Adjusted:
-    """Return the bundle after ``rounds`` of Levenberg-Marquardt with Huber weights; a step that is worse is not taken."""
+    """Return the bundle after ``rounds`` of Levenberg-Marquardt with Huber weights; no step that is worse."""
     Ts, points = bundle.Ts_WK.copy(), bundle.points_W.copy()
     damping = DAMPING
     r = _residuals(bundle, Ts, points)

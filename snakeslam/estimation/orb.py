@@ -17,7 +17,7 @@ Descriptors = NDArray[np.uint64]
 
 @dataclass(frozen=True, slots=True)
 class OrbFeatures:
-    """Features of one picture: ``px`` (N, 2) as seen, ``scale`` (N,) of the pyramid level, ``descriptors`` (N, 4) words."""
+    """One picture's features: ``px`` (N, 2) as seen, ``scale`` (N,) of their level, ``descriptors`` (N, 4) words."""
 
     px: NDArray[np.float32]
     scale: Float
@@ -59,7 +59,7 @@ class OrbExtractor:
 
 
 def spread(px: NDArray[np.float32], response: Float, shape: tuple[int, ...], count: int) -> NDArray[np.int64]:
-    """Return the indices of about ``count`` corners, taken cell by cell: first each cell's best, then its second, ..."""
+    """Return the indices of about ``count`` corners, cell by cell: first each one's best, then its second, ..."""
     cell_px = max(8.0, float(np.sqrt(4.0 * shape[0] * shape[1] / count)))
     columns = int(shape[1] / cell_px) + 1
     cell = (px[:, 1] / cell_px).astype(np.int64) * columns + (px[:, 0] / cell_px).astype(np.int64)
@@ -69,6 +69,13 @@ def spread(px: NDArray[np.float32], response: Float, shape: tuple[int, ...], cou
     rank = np.arange(len(order)) - np.repeat(starts, sizes)
     by_rank = np.lexsort((-response[order], rank))
     return order[by_rank[:count]]
+
+
+def hamming(a: Descriptors, b: Descriptors) -> NDArray[np.uint16]:
+    """Return the differing bits of descriptors (..., 4) and (..., 4), broadcast."""
+    words = np.bitwise_count(a ^ b).astype(np.uint16)
+    # Much faster than a sum over a short axis.
+    return np.asarray(words[..., 0] + words[..., 1] + words[..., 2] + words[..., 3])
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +90,7 @@ class Matches:
 
 
 def best_pairs(
-    rows: NDArray[np.int64], columns: NDArray[np.int64], distance: NDArray[np.int64], max_distance: int, ratio: float
+    rows: NDArray[np.int64], columns: NDArray[np.int64], distance: NDArray[np.uint16], max_distance: int, ratio: float
 ) -> Matches:
     """Return the candidate pairs that are each other's best, near enough and clearly better than the row's second.
 

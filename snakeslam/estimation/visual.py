@@ -17,7 +17,7 @@ from snakeslam.estimation.orb import OrbExtractor
 from snakeslam.estimation.settings import EstimatorSettings
 from snakeslam.estimation.visual_map import VisualMap
 from snakeslam.estimation.visual_match import Match, Matcher, View, look
-from snakeslam.geometry import se3, so3
+from snakeslam.geometry import se3
 from snakeslam.messages import CameraFrame, Float, Health, Packet, PoseEstimate, Verdict
 
 MIN_START_POINTS = 50
@@ -159,7 +159,8 @@ class VisualOdometry:
 
     def _blind(self, frame: CameraFrame, match: Match | None, reasons: tuple[str, ...]) -> FrameEstimate:
         """Publish the prediction, marked as such; too long without the map, start a new one where the last ended."""
-        assert self._track is not None and self._tracked_ns is not None
+        assert self._track is not None
+        assert self._tracked_ns is not None
         track, self._lost = self._track, True
         blind_s = (frame.t_ns - self._tracked_ns) / 1e9
         grown = np.diag([BLIND_SIGMA_M_S] * 3 + [BLIND_SIGMA_RAD_S] * 3) ** 2 * blind_s**2

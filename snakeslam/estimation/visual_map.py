@@ -25,7 +25,7 @@ MIN_SHARED = 15
 
 @dataclass(slots=True)
 class Keyframe:
-    """A frame that the map rests on: ``T_WC``, which points (ids, ascending) it shows where, and its covariance in W."""
+    """A frame that the map rests on: ``T_WC``, its covariance in W, the points (ids, ascending) that it shows."""
 
     T_WC: Float
     cov_W: Float

@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 
 from snakeslam.estimation.camera import PinholeCamera
 from snakeslam.estimation.frontend import sample_depth
-from snakeslam.estimation.orb import Matches, OrbExtractor, OrbFeatures, best_pairs
+from snakeslam.estimation.orb import Matches, OrbExtractor, OrbFeatures, best_pairs, hamming
 from snakeslam.estimation.pnp import MIN_Z_M, PoseFit, Sightings, ransac_pose, refine_pose
 from snakeslam.estimation.settings import NoiseSettings
 from snakeslam.estimation.visual_map import VisualMap
@@ -46,7 +46,7 @@ class View:
 
 @dataclass(frozen=True, slots=True)
 class Match:
-    """Pairs of map points (M,) and features (M,) with pixels and ids; the pose they give; points it should show (V,)."""
+    """Pairs of map points and features (M,), their pixels and ids; the pose they give; points it should show (V,)."""
 
     point: NDArray[np.int64]
     feature: NDArray[np.int64]
@@ -152,7 +152,7 @@ class Matcher:
         code = np.sort(near["i"] * len(view) + near["j"])
         rows, columns = points[code // len(view)], code % len(view)
         looks, seen = known.points.descriptors[rows], view.features.descriptors[columns]
-        bits = np.bitwise_count(looks ^ seen[:, None]).sum(axis=-1, dtype=np.int64).min(axis=-1)
+        bits = hamming(looks, seen[:, None]).min(axis=-1)
         return best_pairs(rows, columns, bits, self._settings.max_hamming, self._settings.match_ratio)
 
     def _all_pairs(self, view: View, known: VisualMap) -> Matches:

@@ -29,7 +29,7 @@ RANSAC_CONFIDENCE = 0.999
 
 @dataclass(frozen=True, slots=True)
 class Sightings:
-    """Map points ``points_W`` (N, 3) m seen at ``xyz`` (N, 3): normalised x, y and depth; 1/sigma (N, 3), 0 = unused."""
+    """Map points ``points_W`` (N, 3) m seen at ``xyz`` (N, 3): normalised x, y, depth; 1/sigma (N, 3), 0 = unused."""
 
     points_W: Float
     xyz: Float

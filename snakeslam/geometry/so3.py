@@ -53,7 +53,9 @@ def log(R: Array) -> Array:
     sine = np.linalg.norm(q[..., 1:], axis=-1)
     small = sine < SMALL_ANGLE_RAD
     angle = 2.0 * np.arctan2(sine, q[..., 0])
-    scale = np.where(small, 2.0 / q[..., 0] * (1.0 - sine**2 / (3.0 * q[..., 0] ** 2)), angle / np.where(small, 1, sine))
+    w = np.where(small, q[..., 0], 1.0)
+    series = 2.0 / w * (1.0 - sine**2 / (3.0 * w**2))
+    scale = np.where(small, series, angle / np.where(small, 1.0, sine))
     return scale[..., None] * q[..., 1:]
 
 

@@ -155,8 +155,9 @@ class ImuBuffer:
         return tuple(self._samples)
 
     def longest_gap_s(self, start_ns: int, end_ns: int) -> float:
-        """Return the longest time without a sample between two times."""
-        times = [start_ns, *(s.t_ns for s in self._samples if start_ns < s.t_ns < end_ns), end_ns]
+        """Return the longest time without a sample up to ``end_ns``, counted from the last one before ``start_ns``."""
+        begin_ns = max((s.t_ns for s in self._samples if s.t_ns <= start_ns), default=start_ns)
+        times = [begin_ns, *(s.t_ns for s in self._samples if start_ns < s.t_ns < end_ns), end_ns]
         return max(b - a for a, b in pairwise(times)) / 1e9
 
     def segments(self, start_ns: int, end_ns: int) -> ImuSegments | None:

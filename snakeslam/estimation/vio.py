@@ -214,8 +214,9 @@ class VisualInertialOdometry:
             return
         state.propagate(preintegrate(span, state.bias_g, state.bias_a, self._noise), t_ns, self._gravity_W)
         if gap_s > self._settings.health.max_imu_gap_s:
-            state.widen(THETA, (GAP_RATE_RAD_S * gap_s) ** 2)
-            state.widen(V, (GAP_ACCEL_M_S2 * gap_s) ** 2)
+            blind_s = min(gap_s, span.dt_s.sum())
+            state.widen(THETA, (GAP_RATE_RAD_S * blind_s) ** 2)
+            state.widen(V, (GAP_ACCEL_M_S2 * blind_s) ** 2)
 
     def _sightings(self, state: State, features: FrontendFrame, in_state: dict[int, int]) -> LandmarkSightings:
         """Return the landmarks in view that pass the gate; one that fails twice is dropped."""

@@ -72,7 +72,7 @@ def test_camera_rows(rng: np.random.Generator) -> None:
     """u, v and depth of a point with respect to the pose and the point."""
     rows = camera_rows()
     R, p, f = so3.exp(rng.normal(0, 0.3, 3)), rng.normal(0, 0.3, 3), np.array([3.0, 0.4, -0.3])
-    observed = Observations(np.array([[[0.1, 0.05, 2.5]]]), np.ones((1, 1), bool))
+    observed = Observations.weighed(np.array([[[0.1, 0.05, 2.5]]]), np.ones((1, 1), bool), rows)
 
     def rest(d: np.ndarray) -> np.ndarray:
         poses = Poses((R @ so3.exp(d[:3]))[None], (p + d[3:6])[None])

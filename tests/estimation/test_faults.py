@@ -1,0 +1,103 @@
+"""The fault table: what goes wrong with the inputs is said, survived, and passes."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from snakeslam.estimation.base import FrameEstimate
+from snakeslam.estimation.settings import EstimatorSettings
+from snakeslam.estimation.vio import VisualInertialOdometry
+from snakeslam.messages import CameraFrame, ImuSample, Packet, Verdict
+from tests.estimation.wall import RIG, Wall
+
+FROM_NS, TO_NS = 2_000_000_000, 2_500_000_000
+
+
+def during(packet: Packet) -> bool:
+    return FROM_NS < packet.t_ns <= TO_NS
+
+
+def run(spoil: Callable[[Packet], Packet | None], duration_s: float = 4.0) -> list[FrameEstimate]:
+    def packets() -> Iterator[Packet]:
+        for packet in Wall().packets(duration_s):
+            spoiled = spoil(packet) if during(packet) else packet
+            if spoiled is not None:
+                yield spoiled
+
+    vio = VisualInertialOdometry(EstimatorSettings(), RIG, seed=0)
+    return [e for e in map(vio.process, packets()) if e is not None]
+
+
+def nan_imu(packet: Packet) -> Packet:
+    return replace(packet, gyro_I=np.full(3, np.nan)) if isinstance(packet, ImuSample) else packet
+
+
+def no_imu(packet: Packet) -> Packet | None:
+    return None if isinstance(packet, ImuSample) else packet
+
+
+def black(packet: Packet) -> Packet:
+    if not isinstance(packet, CameraFrame):
+        return packet
+    # The noise of a covered sensor: no two pictures are the same.
+    level = np.uint8(packet.seq % 2)
+    return replace(packet, gray=np.full_like(packet.gray, level), depth_m=np.zeros_like(packet.depth_m))
+
+
+FAULTS = [
+    (nan_imu, "not numbers", Verdict.DEGRADED),
+    (no_imu, "IMU silent", Verdict.DEGRADED),
+    (black, "few features", Verdict.BLIND),
+]
+
+
+@pytest.mark.parametrize(("spoil", "words", "verdict"), FAULTS, ids=["nan", "gap", "black"])
+def test_fault_is_said_and_passes(spoil: Callable[[Packet], Packet | None], words: str, verdict: Verdict) -> None:
+    estimates = run(spoil)
+    hit = [e for e in estimates if FROM_NS + 100_000_000 < e.t_ns <= TO_NS]
+    assert hit
+    assert all(e.health.verdict is verdict for e in hit), [e.health for e in hit]
+    assert all(any(words in reason for reason in e.health.reasons) for e in hit)
+    after = [e for e in estimates if e.t_ns > 3_500_000_000]
+    assert all(e.health.verdict is Verdict.GOOD for e in after), [e.health for e in after]
+    assert not any("reset" in e.events for e in estimates)
+    last = after[-1]
+    assert last.pose is not None
+    first = next(e for e in estimates if e.pose is not None)
+    went = np.linalg.norm(last.pose.T_WI[:3, 3] - first.pose.T_WI[:3, 3])
+    true = np.linalg.norm(Wall().pose(last.t_ns / 1e9)[:3, 3] - Wall().pose(first.t_ns / 1e9)[:3, 3])
+    assert abs(went - true) < 0.05
+
+
+def test_frozen_picture_is_said() -> None:
+    held: list[CameraFrame] = []
+
+    def freeze(packet: Packet) -> Packet:
+        if not isinstance(packet, CameraFrame):
+            return packet
+        held.append(packet)
+        return replace(packet, gray=held[0].gray, depth_m=held[0].depth_m)
+
+    hit = [e for e in run(freeze) if FROM_NS + 100_000_000 < e.t_ns <= TO_NS]
+    assert all(e.health.verdict is Verdict.BLIND and "does not change" in e.health.reasons[0] for e in hit)
+
+
+def test_clock_that_goes_back_is_said() -> None:
+    def back(packet: Packet) -> Packet:
+        return replace(packet, t_ns=1_000_000_000) if isinstance(packet, CameraFrame) else packet
+
+    hit = [e for e in run(back) if e.t_ns == 1_000_000_000 and e.seq > 30]
+    assert hit
+    assert all("time goes back" in e.health.reasons[0] for e in hit)
+
+
+def test_long_blindness_ends_in_a_reset_and_a_new_start() -> None:
+    def cover(packet: Packet) -> Packet:
+        return black(packet) if FROM_NS < packet.t_ns <= FROM_NS + 3_500_000_000 else packet
+
+    vio = VisualInertialOdometry(EstimatorSettings(), RIG, seed=0)
+    estimates = [e for e in (vio.process(cover(p)) for p in Wall(still=True).packets(7.0)) if e is not None]
+    assert any("reset" in e.events for e in estimates)
+    assert estimates[-1].health.verdict is Verdict.GOOD

@@ -6,10 +6,10 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from fastapi import APIRouter
-from snakeslam.mapping.export import write_ply
 from starlette.responses import Response
 
 from server.deps import Rooms
+from snakeslam.mapping.export import write_ply
 from snakeslam.messages import MapChunk
 
 router = APIRouter(tags=["map"])

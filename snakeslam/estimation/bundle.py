@@ -108,7 +108,7 @@ def _step(bundle: Bundle, Ts: Float, points: Float, r: Float, damping: float) ->
         S[block, block] += U[j] + damping * np.diag(np.diag(U[j])) + MIN_DAMPING * np.eye(6)
     step_c = -np.linalg.solve(S, b_c - np.einsum("pij,pi->j", VW, b_p))
     step_p = -(V_inv @ (b_p + W @ step_c)[..., None])[..., 0]
-    return step_c.reshape(-1, 6), step_p, V
+    return np.asarray(step_c.reshape(-1, 6), dtype=np.float64), step_p, V
 
 
 def _jacobians(bundle: Bundle, Ts: Float, points: Float) -> tuple[Float, Float]:
@@ -126,4 +126,5 @@ def _jacobians(bundle: Bundle, Ts: Float, points: Float) -> tuple[Float, Float]:
 
 def _sum_by(index: NDArray[np.int64], values: Float, count: int) -> Float:
     """Return the sums of rows of ``values`` (N, m) that share an index, (count, m)."""
-    return np.stack([np.bincount(index, column, minlength=count) for column in values.T], axis=-1)
+    sums = [np.bincount(index, column, minlength=count) for column in values.T]
+    return np.stack(sums, axis=-1).astype(np.float64)

@@ -33,7 +33,7 @@ class OrbExtractor:
     def __init__(self, settings: VisualSettings) -> None:
         self._count = settings.features
         self._scale = settings.pyramid_scale
-        self._orb = cv2.ORB_create(
+        self._orb = cv2.ORB.create(
             nfeatures=DETECTED_PER_KEPT * settings.features,
             scaleFactor=settings.pyramid_scale,
             nlevels=settings.pyramid_levels,

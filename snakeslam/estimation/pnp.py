@@ -23,13 +23,15 @@ STEPS_PER_ROUND = 3
 CONVERGED = 1e-7
 DAMPING = 1e-6
 MIN_POINTS = 4
+INDEPENDENT = 30
+"""The errors of one picture's sightings have causes in common (lens, shutter, depth): more of them tell no more."""
 RANSAC_ITERATIONS = 200
 RANSAC_CONFIDENCE = 0.999
 
 
 @dataclass(frozen=True, slots=True)
 class Sightings:
-    """Map points ``points_W`` (N, 3) m seen at ``xyz`` (N, 3): normalised x, y, depth; 1/sigma (N, 3), 0 = unused."""
+    """Map points ``points_W`` (N, 3) m, seen at ``xyz`` (N, 3) = (x/z, y/z, z in m) with 1/sigma ``weights``, 0 = unused."""
 
     points_W: Float
     xyz: Float
@@ -85,7 +87,8 @@ def refine_pose(T_WC: Float, seen: Sightings) -> PoseFit | None:
         inliers = agreeing(residuals(T_WC, seen))
     if inliers.sum() < MIN_POINTS or not np.all(np.isfinite(T_WC)):
         return None
-    return PoseFit(T_WC, np.linalg.inv(information + DAMPING * np.eye(6)), inliers)
+    cov = np.linalg.inv(information + DAMPING * np.eye(6)) * max(1.0, inliers.sum() / INDEPENDENT)
+    return PoseFit(T_WC, np.asarray(cov, dtype=np.float64), inliers)
 
 
 def agreeing(r: Float) -> NDArray[np.bool_]:
@@ -140,7 +143,10 @@ def ransac_pose(seen: Sightings, focal_px: float, threshold_px: float, seed: int
         )
     except cv2.error:
         return None
-    if not found or rvec is None or not np.all(np.isfinite(rvec)):
+    if not found:
         return None
-    T_CW = se3.from_rt(so3.exp(np.ravel(rvec)), np.ravel(tvec))
+    w, t = (np.ravel(np.asarray(vector, dtype=np.float64)) for vector in (rvec, tvec))
+    if not np.all(np.isfinite(w)) or not np.all(np.isfinite(t)):
+        return None
+    T_CW = se3.from_rt(so3.exp(w), t)
     return se3.inv(T_CW)

@@ -107,9 +107,10 @@ class PointMap:
 
     def keep(self, chosen: NDArray[np.bool_] | NDArray[np.int64]) -> None:
         """Forget all other points; indices (not ids) change."""
+        kept = np.arange(self.count)[chosen]
         for name in ARRAYS:
-            kept = getattr(self, name)[: self.count][chosen]
-            getattr(self, name)[: len(kept)] = kept
+            array = getattr(self, name)
+            array[: len(kept)] = array[kept]
         self.count = len(kept)
 
     def _grow(self) -> None:

@@ -49,7 +49,7 @@ class OrbExtractor:
         response = np.array([keypoint.response for keypoint in found])
         kept = spread(px, response, gray.shape, self._count)
         keypoints, described = self._orb.compute(gray, [found[k] for k in kept])
-        if described is None or not len(keypoints):
+        if not len(keypoints):
             return OrbFeatures(np.empty((0, 2), np.float32), np.empty(0), np.empty((0, WORDS), np.uint64))
         return OrbFeatures(
             px=np.array(cv2.KeyPoint.convert(keypoints), dtype=np.float32).reshape(-1, 2),

@@ -31,7 +31,7 @@ RANSAC_CONFIDENCE = 0.999
 
 @dataclass(frozen=True, slots=True)
 class Sightings:
-    """Map points ``points_W`` (N, 3) m, seen at ``xyz`` (N, 3) = (x/z, y/z, z in m) with 1/sigma ``weights``, 0 = unused."""
+    """Map points ``points_W`` (N, 3) m, seen at ``xyz`` (N, 3) = (x/z, y/z, z in m); ``weights`` 1/sigma, 0 = none."""
 
     points_W: Float
     xyz: Float

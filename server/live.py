@@ -109,6 +109,7 @@ class Live:
         self._starting = asyncio.Lock()
         self._child: _Child | None = None
         self._estop_reason: str | None = None
+        self._estops = 0
         self.view = View("sim", "simulator", config, phase="ended")
 
     def listen(self, listener: Listener) -> None:
@@ -155,13 +156,20 @@ class Live:
 
     async def estop(self, reason: str) -> None:
         """Latch the E-stop: here, for every session to come, and in the one that runs."""
+        self._estops += 1
         self._estop_reason = self._estop_reason or reason
         await self._urgent(EStop(reason))
 
     async def reset_estop(self) -> None:
-        """Clear the latch; nothing moves for it."""
-        self._estop_reason = None
+        """Clear the latch; nothing moves for it.
+
+        The session goes first: a tick that was on its way when it obeyed would latch again. An E-stop pressed meanwhile
+        stays.
+        """
+        estops = self._estops
         await self._urgent(ResetEStop())
+        if self._estops == estops:
+            self._estop_reason = None
 
     async def _urgent(self, command: Command) -> None:
         """Send at any time: a session that is still being built takes it before its first step."""

@@ -29,6 +29,8 @@ from tests.server.running import START_S, TOKEN, wait_for
 
 pytestmark = pytest.mark.browser
 RUN_TIMEOUT_S = 300.0
+# Contacts and servos give way a little; the serpentine moves its joints by 0.4 rad in half a second.
+AT_REST_RAD = 0.06
 
 
 @pytest.fixture
@@ -57,8 +59,8 @@ def state(client: httpx.Client) -> dict[str, Any]:
     return client.get("/api/v1/state").json()
 
 
-def measured_joints(dashboard: Dashboard, seconds: float) -> np.ndarray:
-    """Measured joint angles over some simulated time, (ticks, joints) rad."""
+def joint_travel(dashboard: Dashboard, seconds: float = 0.5) -> float:
+    """How far the joint that moves most moves in some simulated time, rad, as measured."""
     headers = {"Authorization": f"Bearer {TOKEN}"}
     rows: list[list[float]] = []
     first = None
@@ -71,7 +73,7 @@ def measured_joints(dashboard: Dashboard, seconds: float) -> np.ndarray:
             first = message["t_s"] if first is None else first
             rows.append(message["q_measured"])
             if message["t_s"] - first >= seconds:
-                return np.array(rows)
+                return float(np.ptp(np.array(rows), axis=0).max())
 
 
 def test_the_printed_url_signs_in_once(dashboard: Dashboard) -> None:
@@ -147,6 +149,8 @@ def test_the_emergency_stop_latches(dashboard: Dashboard, client: httpx.Client, 
     page = dashboard.page
     expect(page.locator("#stop")).to_be_enabled()
     if way == "button":
+        poll(lambda: joint_travel(dashboard), lambda travel_rad: travel_rad > 3 * AT_REST_RAD, "a moving robot")
+    if way == "button":
         page.locator("#estop").click()
     else:
         page.locator("#stop").focus()
@@ -158,11 +162,11 @@ def test_the_emergency_stop_latches(dashboard: Dashboard, client: httpx.Client, 
     if way != "button":
         client.post("/api/v1/estop/reset")
         return
-    measured_joints(dashboard, 0.5)  # The ramp to a hold.
-    assert np.ptp(measured_joints(dashboard, 0.5), axis=0).max() < np.deg2rad(1.0)
+    joint_travel(dashboard)  # The ramp to a hold.
+    assert joint_travel(dashboard) < AT_REST_RAD
     page.locator("#estop-reset").click()
     expect(page.locator("#estop-banner")).to_be_hidden()
-    assert np.ptp(measured_joints(dashboard, 0.5), axis=0).max() < np.deg2rad(1.0), "the reset moved the robot"
+    assert joint_travel(dashboard) < AT_REST_RAD, "the reset moved the robot"
     assert not state(client)["moving"]
     page.locator("#start").click()
     expect(page.locator("#session-state")).to_have_text("Moving")

@@ -12,6 +12,7 @@ from snakeslam.messages import Float
 DETECTED_PER_KEPT = 3
 WORDS = 4
 NO_MATCH = 257
+DISTANCE_SHIFT, ROW_SHIFT = 20, 30
 Descriptors = NDArray[np.uint64]
 
 
@@ -92,21 +93,25 @@ class Matches:
 def best_pairs(
     rows: NDArray[np.int64], columns: NDArray[np.int64], distance: NDArray[np.uint16], max_distance: int, ratio: float
 ) -> Matches:
-    """Return the candidate pairs that are each other's best, near enough and clearly better than the row's second.
-
-    ``rows`` must be sorted.
-    """
+    """Return the candidate pairs that are each other's best, near enough and clearly better than the row's second."""
     if not len(rows):
         return Matches(np.empty(0, np.int64), np.empty(0, np.int64))
-    order = np.lexsort((distance, rows))
-    first = np.flatnonzero(np.r_[True, np.diff(rows[order]) > 0])
-    second = first + 1
-    has_second = second < np.r_[first[1:], len(order)]
-    best = distance[order[first]]
-    runner_up = np.where(has_second, distance[order[np.minimum(second, len(order) - 1)]], NO_MATCH)
-    clear = (best <= max_distance) & (best <= ratio * runner_up)
-    chosen = order[first[clear]]
-    by_column = chosen[np.lexsort((distance[chosen], columns[chosen]))]
-    unique = np.r_[True, np.diff(columns[by_column]) > 0][: len(by_column)]
-    kept = np.sort(by_column[unique])
+    # One sort of packed keys is several times faster than sorting by several keys.
+    key = np.sort((rows << ROW_SHIFT) | (distance.astype(np.int64) << DISTANCE_SHIFT) | columns)
+    rows, distances, columns = _unpack(key)
+    first = np.flatnonzero(np.r_[True, rows[1:] > rows[:-1]])
+    has_second = np.r_[first[1:], len(rows)] > first + 1
+    runner_up = np.where(has_second, distances[np.minimum(first + 1, len(rows) - 1)], NO_MATCH)
+    best = distances[first]
+    chosen = first[(best <= max_distance) & (best <= ratio * runner_up)]
+    if not len(chosen):
+        return Matches(np.empty(0, np.int64), np.empty(0, np.int64))
+    by_column = np.sort((columns[chosen] << ROW_SHIFT) | (distances[chosen] << DISTANCE_SHIFT) | np.arange(len(chosen)))
+    column, _, k = _unpack(by_column)
+    kept = chosen[np.sort(k[np.r_[True, column[1:] > column[:-1]]])]
     return Matches(rows[kept], columns[kept])
+
+
+def _unpack(key: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    distance = (key >> DISTANCE_SHIFT) & ((1 << (ROW_SHIFT - DISTANCE_SHIFT)) - 1)
+    return key >> ROW_SHIFT, distance, key & ((1 << DISTANCE_SHIFT) - 1)

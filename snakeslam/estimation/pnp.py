@@ -20,7 +20,7 @@ GATE_XY = 9.21
 GATE_Z = 9.0
 ROUNDS = 4
 STEPS_PER_ROUND = 3
-CONVERGED = 1e-7
+CONVERGED = 1e-6
 DAMPING = 1e-6
 MIN_POINTS = 4
 INDEPENDENT = 30
@@ -84,7 +84,9 @@ def refine_pose(T_WC: Float, seen: Sightings) -> PoseFit | None:
         if inliers.sum() < MIN_POINTS:
             return None
         T_WC, information = _gauss_newton(T_WC, seen.take(inliers))
-        inliers = agreeing(residuals(T_WC, seen))
+        before, inliers = inliers, agreeing(residuals(T_WC, seen))
+        if np.array_equal(inliers, before):
+            break
     if inliers.sum() < MIN_POINTS or not np.all(np.isfinite(T_WC)):
         return None
     cov = np.linalg.inv(information + DAMPING * np.eye(6)) * max(1.0, inliers.sum() / INDEPENDENT)

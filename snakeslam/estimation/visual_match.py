@@ -149,8 +149,7 @@ class Matcher:
         near = cKDTree(xy).sparse_distance_matrix(
             cKDTree(view.xyz[:, :2]), radius_px / REFERENCE_FOCAL_PX, output_type="ndarray"
         )
-        code = np.sort(near["i"] * len(view) + near["j"])
-        rows, columns = points[code // len(view)], code % len(view)
+        rows, columns = points[near["i"]], near["j"]
         looks, seen = known.points.descriptors[rows], view.features.descriptors[columns]
         bits = hamming(looks, seen[:, None]).min(axis=-1)
         return best_pairs(rows, columns, bits, self._settings.max_hamming, self._settings.match_ratio)

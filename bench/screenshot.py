@@ -1,4 +1,4 @@
-"""Take the README's picture of the page: ``python bench/screenshot.py [SECONDS]`` writes docs/page.png."""
+"""Take the README's picture of the page: ``python bench/screenshot.py [SECONDS] [FILE]`` writes docs/page.png."""
 
 import sys
 import tempfile
@@ -9,29 +9,39 @@ CHECKOUT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(CHECKOUT))
 
 from tests.e2e.chromium import chromium_path, open_chromium  # noqa: E402
-from tests.e2e.conftest import start_dashboard, stop_dashboard  # noqa: E402
+from tests.e2e.conftest import start_dashboard, stop_dashboard, wait_until_running  # noqa: E402
+from tests.server.running import Running  # noqa: E402
 
 SIZE = {"width": 1440, "height": 900}
+DRAW_MS = 5000
 
 
 def main() -> None:
-    seconds = float(sys.argv[1]) if len(sys.argv) > 1 else 60.0
+    simulated_s = float(sys.argv[1]) if len(sys.argv) > 1 else 15.0
+    picture = Path(sys.argv[2]) if len(sys.argv) > 2 else CHECKOUT / "docs" / "page.png"
     path = chromium_path()
     if path is None:
         sys.exit("no Chromium: install it or point CHROMIUM at one")
-    picture = CHECKOUT / "docs" / "page.png"
     picture.parent.mkdir(exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
         server, url = start_dashboard(Path(folder))
         try:
+            wait_until_running(server)
             with open_chromium(path) as browser:
                 page = browser.new_page(viewport=SIZE, color_scheme="dark")
                 page.goto(url)
-                time.sleep(seconds)
+                wait_until_simulated(server, simulated_s)
+                page.wait_for_timeout(DRAW_MS)
                 page.screenshot(path=picture)
         finally:
             stop_dashboard(server)
-    print(picture.relative_to(CHECKOUT))
+    print(picture)
+
+
+def wait_until_simulated(server: Running, simulated_s: float) -> None:
+    with server.client() as client:
+        while client.get("/api/v1/state").json()["t_s"] < simulated_s:
+            time.sleep(1.0)
 
 
 if __name__ == "__main__":

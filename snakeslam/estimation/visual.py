@@ -21,6 +21,8 @@ from snakeslam.geometry import se3
 from snakeslam.messages import CameraFrame, Float, Health, Packet, PoseEstimate, Verdict
 
 MIN_START_POINTS = 50
+MIN_SHARE = 0.3
+"""Part of the close matches that must agree."""
 COAST_S = 0.3
 NO_PAIRS = np.empty(0, np.int64)
 BLIND_SIGMA_M_S = 0.5
@@ -95,32 +97,47 @@ class VisualOdometry:
         return _estimate(frame, self._pose(self._track, np.zeros(3), health), health, None, events)
 
     def _follow(self, frame: CameraFrame, view: View, track: _Track) -> FrameEstimate:
-        predicted = track.predict(frame.t_ns)
-        match = self._matcher.near(view, self._map, predicted)
-        found_again = False
-        if match is None or match.agreeing < self._settings.min_inliers:
+        match = self._matcher.near(view, self._map, track.predict(frame.t_ns))
+        if match is None or match.agreeing < self._required:
             wide = self._matcher.anywhere(view, self._map)
             if wide is not None and wide.agreeing >= self._settings.relocalise_inliers:
-                match, found_again = wide, self._lost
-        reasons = self._objections(frame, track, match, found_again)
+                match = wide
+        reasons = self._objections(frame, track, match)
         if match is None or reasons:
             return self._blind(frame, match, reasons)
-        return self._accept(frame, view, track, match, ("relocalised",) if found_again else ())
+        return self._accept(frame, view, track, match, ("relocalised",) if self._lost else ())
 
-    def _objections(self, frame: CameraFrame, track: _Track, match: Match | None, found_again: bool) -> tuple[str, ...]:
+    @property
+    def _required(self) -> int:
+        """Points that must agree: more after a gap, when the prediction vouches for nothing."""
+        return self._settings.relocalise_inliers if self._lost else self._settings.min_inliers
+
+    def _objections(self, frame: CameraFrame, track: _Track, match: Match | None) -> tuple[str, ...]:
         """Return why a fit is not to be believed, in words."""
         if match is None:
             return ("nothing in the picture matches the map",)
-        if match.agreeing < self._settings.min_inliers:
+        if match.agreeing < self._required:
             return (f"few matches: {match.agreeing}",)
-        if found_again:
-            return ()
-        moved = se3.log(se3.inv(track.T_WC) @ match.fit.T_WC) / ((frame.t_ns - track.t_ns) / 1e9)
+        if match.agreeing < MIN_SHARE * len(match.point):
+            return (f"matches disagree: {len(match.point) - match.agreeing} rejected",)
+        sigma_m = float(np.sqrt(np.trace(match.fit.cov[:3, :3])))
+        if not sigma_m < self._settings.max_sigma_m:
+            return (f"the matches leave the position open to {sigma_m:.2f} m",)
+        return self._implausible(frame, track, match)
+
+    def _implausible(self, frame: CameraFrame, track: _Track, match: Match) -> tuple[str, ...]:
+        """Return what speaks against the motion since the last pose, or for few matches against the prediction."""
+        dt_s = (frame.t_ns - track.t_ns) / 1e9
+        moved = se3.log(se3.inv(track.T_WC) @ match.fit.T_WC) / dt_s
         speed_m_s, rate_deg_s = np.linalg.norm(moved[:3]), np.rad2deg(np.linalg.norm(moved[3:]))
         if speed_m_s > self._settings.max_speed_m_s:
             return (f"implausible speed: {speed_m_s:.1f} m/s",)
         if rate_deg_s > self._settings.max_rate_deg_s:
             return (f"implausible turn: {rate_deg_s:.0f} deg/s",)
+        off_m = float(np.linalg.norm(track.predict(frame.t_ns)[:3, 3] - match.fit.T_WC[:3, 3]))
+        allowed_m = self._settings.max_sigma_m + 0.5 * self._settings.max_acceleration_m_s2 * dt_s**2
+        if match.agreeing < self._settings.few_inliers and off_m > allowed_m:
+            return (f"few matches, {off_m:.2f} m from where they should be: {match.agreeing}",)
         return ()
 
     def _accept(

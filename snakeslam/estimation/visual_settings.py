@@ -30,7 +30,12 @@ class VisualSettings(Settings):
     """Fewer points in agreement degrade the verdict."""
     relocalise_inliers: Annotated[int, Field(ge=6)] = 25
     """Points in agreement that a pose found without a prediction must have."""
-    max_speed_m_s: Positive = 4.0
+    max_sigma_m: Positive = 0.1
+    """A pose whose position is less certain than this is not taken."""
+    max_speed_m_s: Positive = 2.0
+    """A pose that would have needed a faster motion is not taken."""
+    max_acceleration_m_s2: Positive = 10.0
+    """How far a pose with few points in agreement may be from the prediction."""
     max_rate_deg_s: Positive = 720.0
     keyframe_angle_deg: Positive = 10.0
     keyframe_distance_m: Positive = 0.1

@@ -192,3 +192,26 @@ def test_a_leap_is_not_believed() -> None:
     assert estimate is not None
     assert estimate.health.verdict is Verdict.BLIND
     assert "implausible speed" in estimate.health.reasons[0]
+
+
+def test_noise_is_not_mistaken_for_the_map() -> None:
+    """Pictures full of corners that mean nothing, with a good depth: no pose may rest on them."""
+    frames = [draw(k, way(k)) for k in range(10)]
+    depth = frames[0].depth_m
+    for k in range(10, 30):
+        rng = np.random.default_rng([4, k])
+        noise = cv2.GaussianBlur(rng.integers(0, 255, (240, 320), dtype=np.uint8), (0, 0), 1.0 + 0.2 * (k % 5))
+        frames.append(CameraFrame(k * STEP_NS, k, noise, None, depth))
+    assert all(estimate.health.verdict is Verdict.BLIND for estimate in run(frames)[10:])
+
+
+@pytest.mark.parametrize("contrast", [0.15, 0.06])
+def test_where_the_picture_fades_poses_are_right_or_not_given(contrast: float) -> None:
+    frames = [draw(k, way(k)) for k in range(8)]
+    for k in range(8, 40):
+        frame = draw(k, way(k), (128 + contrast * (WALL.astype(float) - 128)).astype(np.uint8))
+        frames.append(frame)
+    for k, estimate in enumerate(run(frames)):
+        if estimate.health.verdict.tracked:
+            assert estimate.pose is not None
+            assert np.linalg.norm(estimate.pose.T_WI[:3, 3] - true_T_WI(k)[:3, 3]) < 0.1, (k, estimate.health)

@@ -30,7 +30,8 @@ export function mountEstimator(app: App): void {
   const box = h("div", { class: "verdict", role: "status", "aria-live": "polite" }, mark, h("div", {}, word, why));
   const tracks = new Readout({ id: "tracks", label: "Tracked features", unit: "", trend: new Sparkline(300, 40) });
   const error = new Readout({ id: "error", label: "Error", unit: "cm", trend: new Sparkline(300, 1) });
-  const distance = new Readout({ id: "distance", label: "Distance travelled", unit: "m" });
+  const distance = new Readout({ id: "distance", label: "Path of the head", unit: "m" });
+  distance.root.title = "Length of the way the head has gone, its swaying included";
   error.root.title = "Position error of the estimate against the simulator's truth";
   byId("estimator").append(
     h("header", { class: "panel-head" }, h("h2", {}, "Estimator"), mode),

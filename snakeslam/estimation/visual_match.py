@@ -24,6 +24,7 @@ BLUR_TO_SIGMA = 0.3
 RECENT_FRAMES = 3
 MIN_RECENT = 100
 OLD_FRAMES = 10
+CONSENSUS_SHARE = 0.15
 NOTHING = Matches(np.empty(0, np.int64), np.empty(0, np.int64))
 
 
@@ -128,7 +129,9 @@ class Matcher:
                 return fit.T_WC
         start = ransac_pose(seen, self._camera.focal_px, RANSAC_THRESHOLD_PX, self._seed)
         fit = None if start is None else refine_pose(start, seen)
-        return None if fit is None else fit.T_WC
+        # A close search around any pose finds pairs that agree with it: the pose must have its own before.
+        least = max(self._settings.min_inliers, CONSENSUS_SHARE * len(pairs))
+        return None if fit is None or np.count_nonzero(fit.inliers) < least else fit.T_WC
 
     def _visible(self, known: VisualMap, T_WC: Float, among: NDArray[np.int64] | None) -> NDArray[np.int64]:
         """Return which points, of those in ``among`` or all, the pose puts into the picture."""

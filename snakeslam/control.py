@@ -1,12 +1,17 @@
 """From the operator's command to joint targets: gait, head, limits; pure, with no clock of its own."""
 
+import math
+
 from pydantic import ValidationError
 
 from snakeslam.errors import InputError
 from snakeslam.gaits.blend import GaitBlend
 from snakeslam.gaits.catalogue import GaitSettings, resolve
-from snakeslam.head.settings import HeadSettings, require_built
-from snakeslam.messages import GaitCommand, ImuSample, JointState, JointTarget, PoseEstimate
+from snakeslam.head.controller import HeadControl
+from snakeslam.head.laws import check
+from snakeslam.head.line import HeadLine
+from snakeslam.head.settings import HeadSettings
+from snakeslam.messages import Float, GaitCommand, HeadCommand, ImuSample, JointState, JointTarget, PoseEstimate
 from snakeslam.robot.limits import LimitedFollower
 from snakeslam.robot.model import SnakeModel
 
@@ -16,20 +21,26 @@ LONGEST_STEP_S = 0.05
 
 
 class Control:
-    """Plays the commanded gait; at rest (drive 0) until the first command.
+    """Plays the commanded gait, its head held as commanded; at rest (drive 0) until the first command.
 
-    Raises InputError for a gait that the joints cannot do, NotBuiltError for a head controller still to come.
+    Raises InputError for a gait that the joints cannot do, or a neck that cannot hold the head in it.
     """
 
     def __init__(self, model: SnakeModel, gait: GaitSettings, head: HeadSettings) -> None:
-        require_built(head)
         self._model = model
         self._configured = gait
         self._gait = resolve(gait, model)
+        check(head, model, self._gait)
         self._drive = 0.0
         self._t_ns: int | None = None
-        self._blend = GaitBlend(model, self._gait, model.rest_q_rad)
+        self._head = HeadControl(model, head, HeadLine())
+        self._blend = GaitBlend(model, self._gait, model.rest_q_rad, self._head.shape)
         self._follower = LimitedFollower(model.limits, model.rest_q_rad)
+
+    @property
+    def head(self) -> HeadSettings:
+        """The head control in force."""
+        return self._head.settings
 
     def command(self, command: GaitCommand) -> None:
         """Take the operator's wish; InputError, and no change, where it cannot be done."""
@@ -37,23 +48,56 @@ class Control:
             if not abs(value) <= 1.0:
                 raise InputError(f"gait.{key}", f"cannot be {value}", "-1 to 1")
         gait = resolve(self._settings(command), self._model, command.turn)
+        check(self.head, self._model, gait)
         self._drive = command.drive
         if gait != self._gait:
             self._gait = gait
             self._blend.set_gait(gait)
+
+    def command_head(self, command: HeadCommand) -> None:
+        """Take the operator's wish for the head; InputError, and no change, where it cannot be done."""
+        asked = {"controller": command.controller, "neck_joints": command.neck_joints}
+        given = {key: value for key, value in asked.items() if value is not None}
+        try:
+            settings = HeadSettings.model_validate({**self.head.model_dump(), **given})
+        except ValidationError as error:
+            raise _refused("head", error) from error
+        check(settings, self._model, self._gait)
+        if settings != self.head:
+            self._hand_back()
+            self._head = HeadControl(self._model, settings, self._head.line)
+            self._blend.set_shape(self._head.shape)
+        if command.turn_by_deg is not None:
+            self._head.line.turn_by(math.radians(command.turn_by_deg))
 
     def step(
         self, t_ns: int, joints: JointState | None, pose: PoseEstimate | None, imu: ImuSample | None
     ) -> JointTarget:
         """Return the targets at ``t_ns``; the first step takes up the angles that the joints are in.
 
-        The pose and the IMU are for head control.
+        The newest pose and IMU sample are for head control.
         """
-        del pose, imu
         dt_s = self._elapsed_s(t_ns, joints)
+        self._head.line.update(t_ns, pose, imu)
         if dt_s > 0.0:
-            self._follower.step(self._blend.step(self._drive, dt_s), dt_s)
+            self._follower.step(self._wanted(dt_s), dt_s)
         return JointTarget(t_ns, self._follower.q_rad)
+
+    def _wanted(self, dt_s: float) -> Float:
+        """Return the gait's angles with the head's control over them."""
+        feeds_back = self._head.feeds_back(self._blend.gait)
+        if not feeds_back:
+            self._hand_back()
+        q_rad = self._blend.step(self._drive, dt_s)
+        if not feeds_back:
+            return q_rad
+        return self._head.step(q_rad, self._blend.gait, self._blend.pace, self._follower.q_rad, dt_s)
+
+    def _hand_back(self) -> None:
+        """Let the blend go on from where feedback has brought the neck."""
+        if self._head.engaged:
+            self._blend.take_up(self._follower.q_rad, self._follower.dq_rad_s)
+            self._head.disengage()
 
     def _settings(self, command: GaitCommand) -> GaitSettings:
         """Return the command's parameters over the configured ones (which are those of the configured gait only)."""
@@ -71,15 +115,19 @@ class Control:
         try:
             return GaitSettings.model_validate({**kept, **given})
         except ValidationError as error:
-            first = error.errors()[0]
-            raise InputError(f"gait.{'.'.join(map(str, first['loc']))}", first["msg"]) from error
+            raise _refused("gait", error) from error
 
     def _elapsed_s(self, t_ns: int, joints: JointState | None) -> float:
         if self._t_ns is None and joints is not None:
-            self._blend = GaitBlend(self._model, self._gait, joints.q_rad)
+            self._blend = GaitBlend(self._model, self._gait, joints.q_rad, self._head.shape)
             self._follower = LimitedFollower(self._model.limits, joints.q_rad)
         elapsed_s = 0.0 if self._t_ns is None else (t_ns - self._t_ns) * NS
         if elapsed_s < 0.0:
             raise InputError("control", f"time goes back by {-elapsed_s:.6f} s")
         self._t_ns = t_ns
         return min(elapsed_s, LONGEST_STEP_S)
+
+
+def _refused(room: str, error: ValidationError) -> InputError:
+    first = error.errors()[0]
+    return InputError(f"{room}.{'.'.join(map(str, first['loc']))}", first["msg"])

@@ -1,12 +1,12 @@
 """From the operator's command to joint targets: gait, head, limits; pure, with no clock of its own."""
 
-from pydantic import ValidationError
-
 from snakeslam.errors import InputError
 from snakeslam.gaits.blend import GaitBlend
 from snakeslam.gaits.catalogue import GaitSettings, resolve
+from snakeslam.gaits.command import commanded_gait
+from snakeslam.head.command import commanded_head
 from snakeslam.head.settings import HeadSettings, require_built
-from snakeslam.messages import GaitCommand, ImuSample, JointState, JointTarget, PoseEstimate
+from snakeslam.messages import GaitCommand, HeadCommand, ImuSample, JointState, JointTarget, PoseEstimate
 from snakeslam.robot.limits import LimitedFollower
 from snakeslam.robot.model import SnakeModel
 
@@ -25,18 +25,28 @@ class Control:
         require_built(head)
         self._model = model
         self._configured = gait
+        self._head = head
         self._gait = resolve(gait, model)
         self._drive = 0.0
         self._t_ns: int | None = None
         self._blend = GaitBlend(model, self._gait, model.rest_q_rad)
         self._follower = LimitedFollower(model.limits, model.rest_q_rad)
 
+    @property
+    def head(self) -> HeadSettings:
+        """The head settings in force."""
+        return self._head
+
+    def command_head(self, command: HeadCommand) -> None:
+        """Take the operator's wish for the head; InputError, and no change, where it cannot be done."""
+        self._head = commanded_head(command, self._head, self._model, self._gait)
+
     def command(self, command: GaitCommand) -> None:
         """Take the operator's wish; InputError, and no change, where it cannot be done."""
         for key, value in (("drive", command.drive), ("turn", command.turn)):
             if not abs(value) <= 1.0:
                 raise InputError(f"gait.{key}", f"cannot be {value}", "-1 to 1")
-        gait = resolve(self._settings(command), self._model, command.turn)
+        gait = resolve(commanded_gait(command, self._configured), self._model, command.turn)
         self._drive = command.drive
         if gait != self._gait:
             self._gait = gait
@@ -54,25 +64,6 @@ class Control:
         if dt_s > 0.0:
             self._follower.step(self._blend.step(self._drive, dt_s), dt_s)
         return JointTarget(t_ns, self._follower.q_rad)
-
-    def _settings(self, command: GaitCommand) -> GaitSettings:
-        """Return the command's parameters over the configured ones (which are those of the configured gait only)."""
-        asked = {
-            "alpha_pi": command.alpha_pi,
-            "wavelength_joints": command.wavelength_joints,
-            "period_s": command.period_s,
-            "amplitude_deg": command.amplitude_deg,
-        }
-        given = {key: value for key, value in asked.items() if value is not None}
-        kept = self._configured.model_dump() if command.gait == self._configured.name else {"name": command.gait}
-        if "alpha_pi" in given or "amplitude_deg" in given:
-            kept.pop("alpha_pi", None)
-            kept.pop("amplitude_deg", None)
-        try:
-            return GaitSettings.model_validate({**kept, **given})
-        except ValidationError as error:
-            first = error.errors()[0]
-            raise InputError(f"gait.{'.'.join(map(str, first['loc']))}", first["msg"]) from error
 
     def _elapsed_s(self, t_ns: int, joints: JointState | None) -> float:
         if self._t_ns is None and joints is not None:

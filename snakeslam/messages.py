@@ -90,6 +90,19 @@ class GaitCommand:
 
 
 @dataclass(frozen=True, slots=True)
+class HeadCommand:
+    """What the operator asks of the head; None leaves a thing as it is.
+
+    ``turn_by_deg`` turns the head's reference line, and so the robot, positive to the left.
+    """
+
+    t_ns: int
+    controller: str | None = None
+    neck_joints: int | None = None
+    turn_by_deg: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class JointTarget:
     """Commanded joint angles ``q_rad`` (N,), tail to head."""
 

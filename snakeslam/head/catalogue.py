@@ -18,17 +18,17 @@ class HeadEntry:
 HEAD_CATALOGUE: dict[HeadController, HeadEntry] = {
     entry.name: entry
     for entry in (
-        HeadEntry("none", "Off", "The neck moves as the gait does, and the head swings with it."),
-        HeadEntry("direction", "Direction", "The neck bends in one arc that keeps the head's heading."),
+        HeadEntry("none", "Off", "The head swings with the body."),
+        HeadEntry("direction", "Direction", "One arc of the neck keeps the head's heading."),
         HeadEntry(
             "position",
             "Direction + position",
-            "The neck bends in two arcs that keep the head's heading and its place beside the line.",
+            "Two arcs of the neck keep heading and place.",
         ),
         HeadEntry(
             "predictive",
             "Predictive",
-            "Foresees how the body yields and corrects by gyroscope and estimate; its line can be turned.",
+            "Model and feedback keep the head on a line.",
             steers=True,
         ),
     )

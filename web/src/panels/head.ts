@@ -15,8 +15,9 @@ export function mountHead(app: App): void {
   rate.root.title = "How fast the head turns; fast turns blur the picture";
   sway.root.title = "Motion of the head across its way, peak to peak";
   const over = h("span", { class: "muted num", id: "head-window" });
+  const heading = h("span", { class: "muted num", id: "head-heading", title: "Mean heading; left is positive" });
   byId("head").append(
-    h("header", { class: "panel-head" }, h("h2", {}, "Head stillness"), over),
+    h("header", { class: "panel-head" }, h("h2", {}, "Head stillness"), heading, over),
     yaw.root,
     rate.root,
     sway.root,
@@ -28,6 +29,7 @@ export function mountHead(app: App): void {
     rate.setDetail(`peak ${fixed(head.peak_yaw_rate_deg_s, 0)}\u00b0/s`);
     sway.set(scaled(head.sway_m, 100, 1), head.sway_m === null ? null : head.sway_m * 100);
     sway.setDetail("peak to peak");
+    setText(heading, `heading ${fixed(head.heading_deg, 0)}\u00b0`);
     setText(over, head.window_s === null ? "" : `over ${fixed(head.window_s, 1)} s`);
   });
   window.setInterval(() => [yaw, rate, sway].forEach((readout) => readout.draw()), 200);

@@ -1,6 +1,6 @@
 // Which controller holds the head, with how long a neck, and where its line points.
 
-import { api } from "../api";
+import { ApiError, api } from "../api";
 import type { App } from "../app";
 import { byId, h, icon, setText } from "../dom";
 import type { HeadAnswer, HeadEntry, HeadRequest } from "../types";
@@ -24,15 +24,16 @@ class HeadControlPanel {
   private readonly about = h("p", { class: "hint", id: "head-about", "aria-live": "polite" });
   private readonly missing = h("p", { class: "hint", id: "head-missing" });
   private readonly neck = new NumberForm(
-    { id: "head-neck", label: "Neck", unit: "yaw joints", step: 1, button: "Set", wordy: true },
+    { id: "head-neck", label: "Neck", spoken: "Neck, yaw joints", unit: "joints", step: 1, button: "Set" },
     (neck_joints) => this.send({ neck_joints }),
   );
   private readonly turn = new NumberForm(
-    { id: "head-turn", label: "Turn by degrees, left is positive", unit: "\u00b0", step: 1, button: "Turn", wordy: false },
+    { id: "head-turn", label: null, spoken: "Turn the heading by degrees, left is positive", unit: "\u00b0", step: 1, button: "Turn" },
     (turn_by_deg) => this.send({ turn_by_deg }),
   );
   private readonly left = this.stepButton("left", STEP_DEG);
   private readonly right = this.stepButton("right", -STEP_DEG);
+  /** Why the heading cannot be turned now. */
   private readonly steering = h("p", { class: "hint", id: "head-steering" });
 
   constructor(private readonly app: App) {
@@ -42,11 +43,10 @@ class HeadControlPanel {
     };
     const heading = { class: "steer", role: "group", "aria-label": "Turn the heading" };
     const parts = [
-      h("h2", {}, "Head control"),
+      h("header", { class: "head-control-head" }, h("h2", {}, "Head control"), this.neck.root),
       this.choice.root,
       this.about,
       this.missing,
-      this.neck.root,
       h("div", heading, this.left, this.turn.root, this.right),
       this.steering,
     ];
@@ -56,11 +56,9 @@ class HeadControlPanel {
   sync(): void {
     const state = this.app.state.get();
     const control = state?.head_control ?? null;
-    const key = JSON.stringify([state?.session, state?.source, state?.robot, state?.gait, control]);
-    if (state && this.app.link.get().phase === "live" && key !== this.answeredFor) {
-      this.answeredFor = key;
-      void this.load();
-    }
+    const gait = { ...state?.gait, drive: 0, turn: 0 };
+    const key = JSON.stringify([state?.session, state?.source, state?.robot, gait, control]);
+    if (state && this.app.link.get().phase === "live" && key !== this.answeredFor) void this.load(key);
     const ready = this.app.commandable && control !== null;
     this.choice.mark(control?.controller ?? null, ready);
     this.neck.follow(control?.neck_joints ?? null);
@@ -69,9 +67,18 @@ class HeadControlPanel {
     this.showSteering(ready);
   }
 
-  private async load(): Promise<void> {
-    const answer = await this.app.attempt(() => api.head());
-    if (!answer) return;
+  private async load(key: string): Promise<void> {
+    this.answeredFor = key;
+    let answer: HeadAnswer;
+    try {
+      answer = await api.head();
+    } catch (error) {
+      // Asked again with the next state; nobody waits for it, so only a lost sign-in is told.
+      this.answeredFor = "";
+      if (error instanceof ApiError && error.status === 401) this.app.report(error);
+      return;
+    }
+    if (key !== this.answeredFor) return;
     const first = this.answer === null;
     this.answer = answer;
     this.choice.set(answer.controllers);
@@ -100,7 +107,7 @@ class HeadControlPanel {
     this.turn.enable(ready && steers);
     const by = this.answer?.controllers.filter((entry) => entry.steers).map(({ title }) => title) ?? [];
     const why = `To turn the heading by degrees, choose ${by.join(" or ")}.`;
-    setText(this.steering, !ready || by.length === 0 ? "" : steers ? "Turns the line that the head follows; left is positive." : why);
+    setText(this.steering, !ready || steers || by.length === 0 ? "" : why);
   }
 
   private stepButton(side: "left" | "right", turn_by_deg: number): HTMLButtonElement {

@@ -4,13 +4,13 @@ import { h, setText } from "../dom";
 
 export interface NumberFormOptions {
   id: string;
-  label: string;
+  /** What is written before it; null for nothing. */
+  label: string | null;
+  /** Its full name. */
+  spoken: string;
   unit: string;
   step: number;
-  button: string;
-  /** Whether to say the name and the limits beside it; else they are for screen readers only. */
-  wordy: boolean;
-}
+  button: string;}
 
 export class NumberForm {
   readonly root: HTMLElement;
@@ -21,14 +21,14 @@ export class NumberForm {
   private inForce: number | null = null;
   private edited = false;
 
-  constructor({ id, label, unit, step, button, wordy }: NumberFormOptions, onSend: (value: number) => void) {
-    this.number = h("input", { type: "number", id, step, "aria-describedby": `${id}-limits` });
+  constructor({ id, label, spoken, unit, step, button }: NumberFormOptions, onSend: (value: number) => void) {
+    this.number = h("input", { type: "number", id, step, "aria-label": spoken, "aria-describedby": `${id}-limits` });
     this.button = h("button", { class: "button", type: "submit", id: `${id}-set` }, button);
-    this.range = h("span", { class: wordy ? "field-limits muted num" : "visually-hidden", id: `${id}-limits` });
+    this.range = h("span", { class: "visually-hidden", id: `${id}-limits` });
     this.group = h(
       "fieldset",
       { class: "number-form" },
-      h("label", { for: id, class: wordy ? null : "visually-hidden" }, label),
+      label !== null && h("label", { for: id }, label),
       this.number,
       h("span", { class: "unit" }, unit),
       this.range,
@@ -51,6 +51,7 @@ export class NumberForm {
     this.number.min = String(min);
     this.number.max = String(max);
     setText(this.range, `${min} to ${max}`);
+    this.number.title = `${min} to ${max}`;
     this.mark();
   }
 

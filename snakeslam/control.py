@@ -2,11 +2,11 @@
 
 import math
 
-from pydantic import ValidationError
-
 from snakeslam.errors import InputError
 from snakeslam.gaits.blend import GaitBlend
 from snakeslam.gaits.catalogue import GaitSettings, resolve
+from snakeslam.gaits.command import commanded_gait
+from snakeslam.head.command import commanded_head
 from snakeslam.head.controller import HeadControl
 from snakeslam.head.laws import check
 from snakeslam.head.line import HeadLine
@@ -47,7 +47,7 @@ class Control:
         for key, value in (("drive", command.drive), ("turn", command.turn)):
             if not abs(value) <= 1.0:
                 raise InputError(f"gait.{key}", f"cannot be {value}", "-1 to 1")
-        gait = resolve(self._settings(command), self._model, command.turn)
+        gait = resolve(commanded_gait(command, self._configured), self._model, command.turn)
         check(self.head, self._model, gait)
         self._drive = command.drive
         if gait != self._gait:
@@ -56,13 +56,7 @@ class Control:
 
     def command_head(self, command: HeadCommand) -> None:
         """Take the operator's wish for the head; InputError, and no change, where it cannot be done."""
-        asked = {"controller": command.controller, "neck_joints": command.neck_joints}
-        given = {key: value for key, value in asked.items() if value is not None}
-        try:
-            settings = HeadSettings.model_validate({**self.head.model_dump(), **given})
-        except ValidationError as error:
-            raise _refused("head", error) from error
-        check(settings, self._model, self._gait)
+        settings = commanded_head(command, self.head, self._model, self._gait)
         if settings != self.head:
             self._hand_back()
             self._head = HeadControl(self._model, settings, self._head.line)
@@ -99,24 +93,6 @@ class Control:
             self._blend.take_up(self._follower.q_rad, self._follower.dq_rad_s)
             self._head.disengage()
 
-    def _settings(self, command: GaitCommand) -> GaitSettings:
-        """Return the command's parameters over the configured ones (which are those of the configured gait only)."""
-        asked = {
-            "alpha_pi": command.alpha_pi,
-            "wavelength_joints": command.wavelength_joints,
-            "period_s": command.period_s,
-            "amplitude_deg": command.amplitude_deg,
-        }
-        given = {key: value for key, value in asked.items() if value is not None}
-        kept = self._configured.model_dump() if command.gait == self._configured.name else {"name": command.gait}
-        if "alpha_pi" in given or "amplitude_deg" in given:
-            kept.pop("alpha_pi", None)
-            kept.pop("amplitude_deg", None)
-        try:
-            return GaitSettings.model_validate({**kept, **given})
-        except ValidationError as error:
-            raise _refused("gait", error) from error
-
     def _elapsed_s(self, t_ns: int, joints: JointState | None) -> float:
         if self._t_ns is None and joints is not None:
             self._blend = GaitBlend(self._model, self._gait, joints.q_rad, self._head.shape)
@@ -126,8 +102,3 @@ class Control:
             raise InputError("control", f"time goes back by {-elapsed_s:.6f} s")
         self._t_ns = t_ns
         return min(elapsed_s, LONGEST_STEP_S)
-
-
-def _refused(room: str, error: ValidationError) -> InputError:
-    first = error.errors()[0]
-    return InputError(f"{room}.{'.'.join(map(str, first['loc']))}", first["msg"])

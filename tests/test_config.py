@@ -69,8 +69,6 @@ def test_the_settings_of_the_contract_can_be_set(key: str, value: object) -> Non
     [
         ("estimator.mode=planar", "visual, vio"),
         ("estimator.mode=fused", "visual, vio"),
-        ("head.controller=direction", "none"),
-        ("head.controller=predictive", "none"),
         ("recording.enabled=true", "false"),
     ],
 )

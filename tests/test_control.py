@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from snakeslam.control import Control
-from snakeslam.errors import InputError, NotBuiltError
+from snakeslam.errors import InputError
 from snakeslam.gaits.catalogue import CATALOGUE, GaitSettings, resolve
 from snakeslam.gaits.posture import posed_angles
 from snakeslam.head.settings import HeadSettings
@@ -123,9 +123,3 @@ def test_a_bad_command_is_refused_in_one_line_and_changes_nothing():
 def test_drive_and_turn_beyond_one_are_refused(key, value):
     with pytest.raises(InputError, match=f"{key}.*allowed: -1 to 1"):
         _control().command(GaitCommand(0, "serpentine", **{key: value}))
-
-
-@pytest.mark.parametrize("controller", ["direction", "position", "predictive"])
-def test_head_controllers_of_later_versions_say_so(controller):
-    with pytest.raises(NotBuiltError, match="not built yet"):
-        Control(MODEL, GaitSettings(), HeadSettings(controller=controller))

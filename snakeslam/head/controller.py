@@ -25,7 +25,7 @@ class HeadControl:
         self._neck: Neck = neck_of(model, settings.neck_joints)
         self._loads = posture_loads(model)
         self._predictive: PredictiveNeck | None = None
-        self._q_rad: Float | None = None
+        self._q_rad: Float = model.rest_q_rad
         self.shape: Shape = shape_of(settings.controller, model, self._neck)
 
     def feeds_back(self, gait: ResolvedGait) -> bool:

@@ -46,9 +46,7 @@ def steers_head(gait: ResolvedGait) -> bool:
     return gait.name == "serpentine"
 
 
-def neck_angles(
-    controller: HeadController, gait: ResolvedGait, model: SnakeModel, neck: Neck, sigma: float
-) -> Float:
+def neck_angles(controller: HeadController, gait: ResolvedGait, model: SnakeModel, neck: Neck, sigma: float) -> Float:
     """Return the angles of the neck's joints, (n,) rad; a turning gait's offset beta_o bends the neck as well."""
     wave, l0 = gait.shape, model.joint_length_m
     alpha = -alpha_from_amplitude(wave.amplitude_o, 2.0 * np.pi / wave.k_o)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from snakeslam.errors import InputError
+from snakeslam.head.settings import MOST_NECK_JOINTS
 from snakeslam.messages import Float
 from snakeslam.robot.model import SnakeModel
 
@@ -41,17 +42,24 @@ class Neck:
 
 
 def neck_of(model: SnakeModel, count: int) -> Neck:
-    """Return the neck of the ``count`` foremost yaw joints that are free; InputError where the body has too few.
-
-    A raised head freezes the yaw joint between its two pitch joints.
-    """
-    frozen = model.head_raise_joints[1] if model.head_posture == "raised" else None
-    free = [k for k in np.flatnonzero(model.is_yaw).tolist() if k != frozen]
-    most = len(free) // 2
+    """Return the neck of the ``count`` foremost yaw joints that are free; InputError where the body has too few."""
+    free, most = free_yaw_joints(model), most_neck_joints(model)
     if not 1 <= count <= most:
-        raise InputError("head.neck_joints", f"{count} is not possible with {len(free)} free yaw joints", f"1 to {most}")
+        problem = f"{count} is not possible with {len(free)} free yaw joints"
+        raise InputError("head.neck_joints", problem, f"1 to {most}")
     joints = np.array(free[-count:])
     s = (joints + 1) * model.joint_length_m
     middles = (s[1:] + s[:-1]) / 2.0
     ends = s[0] - model.joint_length_m, s[-1] + model.joint_length_m
     return Neck(joints, np.array([ends[0], *middles, ends[1]]))
+
+
+def free_yaw_joints(model: SnakeModel) -> list[int]:
+    """Return the yaw joints that may steer; a raised head freezes the one between its two pitch joints."""
+    frozen = model.head_raise_joints[1] if model.head_posture == "raised" else None
+    return [k for k in np.flatnonzero(model.is_yaw).tolist() if k != frozen]
+
+
+def most_neck_joints(model: SnakeModel) -> int:
+    """Return the largest neck that leaves the body a third of its yaw joints to move with."""
+    return min(MOST_NECK_JOINTS, 2 * len(free_yaw_joints(model)) // 3)

@@ -10,6 +10,7 @@ from snakeslam.messages import Float
 from snakeslam.robot.kinematics import link_poses_from_imu
 from snakeslam.robot.model import SnakeModel
 
+
 def link_motion(model: SnakeModel, Ts_WL: Float) -> tuple[Float, Float]:
     """Return how joint rates move the links' centres while the head's link is held.
 
@@ -44,4 +45,4 @@ def resistive_map(model: SnakeModel, q_rad: Float, T_WI: Float, loads: Float, ra
     spin = np.sqrt(loads * ratio / 12.0) * model.joint_length_m
     A = np.concatenate([(axes @ rigid).reshape(-1, 3), np.outer(spin, [0.0, 0.0, 1.0])])
     B = np.concatenate([(axes @ velocity[:, :2]).reshape(-1, model.joint_count), spin[:, None] * turn[:, 2]])
-    return -np.linalg.solve(A.T @ A, A.T @ B)
+    return np.asarray(-np.linalg.solve(A.T @ A, A.T @ B), dtype=np.float64)

@@ -33,14 +33,14 @@ def posture_loads(model: SnakeModel) -> Float:
     stiff = np.full(lift.shape[-1], JOINT_NM_RAD)
     stiff[:2] = 0.0
     pull = np.tensordot(weight_n, _rise(model, Ts, centres[:, None])[:, 0], axes=1)
-    x, carries = np.zeros(len(stiff)), np.ones(spheres.shape[:2], dtype=bool)
+    pen = np.ones(spheres.shape[:2])
     for _ in range(ROUNDS):
+        carries = pen > 0.0
         L = lift[carries]
         x = np.linalg.solve(np.diag(stiff) + SKIN_N_M * L.T @ L, -pull - SKIN_N_M * L.T @ spheres[carries][:, 2])
         pen = -(spheres[..., 2] + lift @ x)
         if np.array_equal(pen > 0.0, carries):
             break
-        carries = pen > 0.0
     return np.maximum(LEAST_SHARE, SKIN_N_M * np.sum(np.maximum(pen, 0.0), axis=1) / weight_n)
 
 
@@ -49,6 +49,4 @@ def _rise(model: SnakeModel, Ts_WL: Float, points_W: Float) -> Float:
     joints = np.flatnonzero(~model.is_yaw)
     arms = points_W[..., 0, None] - Ts_WL[joints + 1, 0, 3]
     ahead = np.arange(model.link_count)[:, None, None] > joints
-    return np.concatenate(
-        [np.ones((*points_W.shape[:2], 1)), points_W[..., :1], np.where(ahead, arms, 0.0)], axis=-1
-    )
+    return np.concatenate([np.ones((*points_W.shape[:2], 1)), points_W[..., :1], np.where(ahead, arms, 0.0)], axis=-1)

@@ -53,7 +53,7 @@ def run_experiment(
     """
     if recording is None:
         # What the joints cannot do is said before a simulator starts.
-        resolve(config.gait, snake_model(config.robot))
+        build_control(config, snake_model(config.robot))
     place = out or default_out(recording.resolve().name if recording else f"{config.gait.name}-s{config.run.seed}")
     with new_directory(place) as part, closing(build_backend(config, recording)) as backend:
         recorder = Recorder()

@@ -9,7 +9,7 @@ from snakeslam.gaits.command import commanded_gait
 from snakeslam.head.command import commanded_head
 from snakeslam.head.controller import HeadControl
 from snakeslam.head.laws import check
-from snakeslam.head.line import HeadLine
+from snakeslam.head.line import TURN_RATE_RAD_S, HeadLine
 from snakeslam.head.settings import HeadSettings
 from snakeslam.messages import Float, GaitCommand, HeadCommand, ImuSample, JointState, JointTarget, PoseEstimate
 from snakeslam.robot.limits import LimitedFollower
@@ -31,7 +31,7 @@ class Control:
         self._configured = gait
         self._gait = resolve(gait, model)
         check(head, model, self._gait)
-        self._drive = 0.0
+        self._asked, self._drive, self._turn = gait, 0.0, 0.0
         self._t_ns: int | None = None
         self._head = HeadControl(model, head, HeadLine())
         self._blend = GaitBlend(model, self._gait, model.rest_q_rad, self._head.shape)
@@ -47,12 +47,10 @@ class Control:
         for key, value in (("drive", command.drive), ("turn", command.turn)):
             if not abs(value) <= 1.0:
                 raise InputError(f"gait.{key}", f"cannot be {value}", "-1 to 1")
-        gait = resolve(commanded_gait(command, self._configured), self._model, command.turn)
-        check(self.head, self._model, gait)
-        self._drive = command.drive
-        if gait != self._gait:
-            self._gait = gait
-            self._blend.set_gait(gait)
+        settings = commanded_gait(command, self._configured)
+        check(self.head, self._model, resolve(settings, self._model, command.turn))
+        self._asked, self._drive, self._turn = settings, command.drive, command.turn
+        self._play()
 
     def command_head(self, command: HeadCommand) -> None:
         """Take the operator's wish for the head; InputError, and no change, where it cannot be done."""
@@ -61,8 +59,18 @@ class Control:
             self._hand_back()
             self._head = HeadControl(self._model, settings, self._head.line)
             self._blend.set_shape(self._head.shape)
+            self._play()
         if command.turn_by_deg is not None:
             self._head.line.turn_by(math.radians(command.turn_by_deg))
+
+    def _play(self) -> None:
+        """Play the gait asked for; a head that is held on a line turns the robot by the line, not by the gait."""
+        gait = resolve(self._asked, self._model)
+        if not self._head.feeds_back(gait):
+            gait = resolve(self._asked, self._model, self._turn)
+        if gait != self._gait:
+            self._gait = gait
+            self._blend.set_gait(gait)
 
     def step(
         self, t_ns: int, joints: JointState | None, pose: PoseEstimate | None, imu: ImuSample | None
@@ -85,6 +93,7 @@ class Control:
         q_rad = self._blend.step(self._drive, dt_s)
         if not feeds_back:
             return q_rad
+        self._head.line.turn_by(self._turn * TURN_RATE_RAD_S * abs(self._blend.pace) * dt_s)
         return self._head.step(q_rad, self._blend.gait, self._blend.pace, self._follower.q_rad, dt_s)
 
     def _hand_back(self) -> None:

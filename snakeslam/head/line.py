@@ -64,12 +64,10 @@ class HeadLine:
             self._take_pose(pose)
         self._turn(dt_s)
 
-    def lay(self, yaw_offset_rad: float, offset_H: Float) -> None:
-        """Lay the line through a point, (2,) m in the head's level frame, at an angle to the head's heading."""
-        yaw = self._yaw_rad()
-        c, s = np.cos(yaw), np.sin(yaw)
-        self._heading_rad = yaw + yaw_offset_rad
-        self._origin_W = self._position_W() + np.array([[c, -s], [s, c]]) @ offset_H
+    def lay(self, heading_rad: float, offset_W: Float) -> None:
+        """Lay the line through a point, (2,) m from the head, at a heading."""
+        self._heading_rad = heading_rad
+        self._origin_W = self._position_W() + offset_W
         self._to_turn_rad = 0.0
 
     def turn_by(self, angle_rad: float) -> None:

@@ -66,7 +66,7 @@ class PredictiveNeck:
         wanted = self._wanted(errors, eager)
         gap = WEIGHTS * (wanted - free)
         WJ = WEIGHTS[:, None] * J[:, chosen]
-        QJ = _ease(self.q_neck_rad)[:, None] * WJ.T
+        QJ = ease(self.q_neck_rad)[:, None] * WJ.T
         rate = rate + QJ @ np.linalg.solve(WJ @ QJ + DAMPING * np.eye(3), gap)
         self.v_mean_m_s += (float(free[0]) - self.v_mean_m_s) * min(1.0, dt_s / (MEAN_SPEED_PERIODS * period_s))
         self.q_neck_rad = np.clip(self.q_neck_rad + rate * dt_s, -LARGEST_RAD, LARGEST_RAD)
@@ -77,6 +77,6 @@ class PredictiveNeck:
         return np.array([self.v_mean_m_s, eager * sideways, -eager * YAW_GAIN_RAD_S * errors.yaw_rad])
 
 
-def _ease(q_rad: Float) -> Float:
+def ease(q_rad: Float) -> Float:
     """Return how willing each joint is to help, (n,): a joint that is bent far leaves the work to the others."""
     return np.maximum(LEAST_EASE, (1.0 - (q_rad / LARGEST_RAD) ** 2) ** EASE_POWER)

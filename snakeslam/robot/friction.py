@@ -15,7 +15,6 @@ from snakeslam.robot.ground import Ground, level
 from snakeslam.robot.kinematics import link_poses_from_imu
 from snakeslam.robot.model import SnakeModel
 
-
 ROUNDS = 30
 ENOUGH_M_S = 1e-5
 SLIP_M_S = 0.02

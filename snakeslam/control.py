@@ -83,7 +83,7 @@ class Control:
         self._head.sense.update(t_ns, pose, imu)
         if dt_s > 0.0:
             self._follower.step(self._wanted(dt_s, joints), dt_s)
-        return JointTarget(t_ns, self._follower.q_rad)
+        return JointTarget(t_ns, self._follower.q_rad, self._blend.roll_rad)
 
     def _wanted(self, dt_s: float, joints: JointState | None) -> Float:
         """Return the gait's angles with the head's control over them."""

@@ -105,7 +105,7 @@ class LevelNeck:
         return np.einsum("mij,mj->im", Ts_IL[self.joints + 1, :3, :3], self.model.axes_L[self.joints])
 
     def _error(self, R_WI: Float, heading_rad: float) -> Float:
-        """Return the rotation from the wanted attitude to the head's, (3,) rad in I; of the view alone when it rolls."""
+        """Return the rotation from the wanted attitude to the head's, (3,) rad in I; of the view only when it rolls."""
         R_WV = so3.from_yaw(heading_rad)
         if self.holds_roll:
             return so3.log(R_WV.T @ R_WI)

@@ -108,13 +108,11 @@ class HeadLine:
     def _take_pose(self, pose: PoseEstimate) -> None:
         """Take a newer estimate; carry the line along where it jumps."""
         yaw = float(so3.yaw(pose.T_WI[:3, :3]))
-        if self._pose is None:
-            jump_rad, jump_W = _wrapped(yaw - self._yaw_rad()), pose.T_WI[:2, 3].copy()
-        else:
-            foreseen = self._pose_yaw_rad + self._turned_at(pose.t_ns) - self._turned_at(self._pose.t_ns)
-            jump_rad = _wrapped(yaw - foreseen)
-            jump_W = pose.T_WI[:2, 3] - self._pose.T_WI[:2, 3]
-            jump_W = jump_W - self._pose.v_W[:2] * ((pose.t_ns - self._pose.t_ns) * NS)
+        since = 0.0 if self._pose is None else self._turned_at(self._pose.t_ns)
+        jump_rad = _wrapped(yaw - self._pose_yaw_rad - self._turned_at(pose.t_ns) + since)
+        jump_W = pose.T_WI[:2, 3].copy()
+        if self._pose is not None:
+            jump_W -= self._pose.T_WI[:2, 3] + self._pose.v_W[:2] * ((pose.t_ns - self._pose.t_ns) * NS)
         if self._pose is None or abs(jump_rad) > JUMP_RAD or float(np.linalg.norm(jump_W)) > JUMP_M:
             self._carry_along(pose, jump_rad, jump_W)
         self._pose, self._pose_yaw_rad = pose, yaw

@@ -88,7 +88,7 @@ def test_joint_angles_are_what_the_heading_turns_between_sections():
 @pytest.mark.parametrize("alpha_pi", [0.1, 0.3, 0.5, 0.7])
 def test_the_head_faces_the_direction_of_motion_at_every_phase(model, controller, alpha_pi):
     """The body's angles up to the neck and the neck's own add up to -phi of the tail; all within the limits."""
-    gait = resolve(GaitSettings(alpha_pi=alpha_pi), model)
+    gait = resolve(GaitSettings(alpha_pi=alpha_pi, wavelength_joints=20), model)
     shape = shape_of(controller, model, neck_of(model, 6))
     for sigma in np.linspace(0.0, 2.0 * np.pi, 37):
         q_rad, slope = shape(gait, float(sigma))

@@ -38,6 +38,7 @@ class HeadLine:
         self._pose: PoseEstimate | None = None
         self._pose_yaw_rad = 0.0
         self._t_ns = 0
+        self._running = False
         self._heading_rad = 0.0
         self._origin_W: Float = np.zeros(2)
         self._to_turn_rad = 0.0
@@ -49,15 +50,17 @@ class HeadLine:
 
     @property
     def errors(self) -> LineErrors:
-        """The head's errors now."""
+        """The head's errors now; none without any sensor, for what is not seen cannot be steered out."""
+        if self._pose is None and not self._turned:
+            return LineErrors()
         across = np.array([-np.sin(self._heading_rad), np.cos(self._heading_rad)])
         lateral_m = 0.0 if self._pose is None else float(across @ (self._position_W() - self._origin_W))
         return LineErrors(_wrapped(self._yaw_rad() - self._heading_rad), lateral_m)
 
     def update(self, t_ns: int, pose: PoseEstimate | None, imu: ImuSample | None) -> None:
         """Go on to ``t_ns`` with what is known there."""
-        dt_s = (t_ns - self._t_ns) * NS if self._turned else 0.0
-        self._t_ns = t_ns
+        dt_s = (t_ns - self._t_ns) * NS if self._running else 0.0
+        self._t_ns, self._running = t_ns, True
         if imu is not None:
             self._take_gyro(t_ns, imu)
         if pose is not None and (self._pose is None or pose.t_ns > self._pose.t_ns):

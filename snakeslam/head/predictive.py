@@ -27,6 +27,8 @@ YAW_GAIN_RAD_S = 8.0
 LATERAL_GAIN_RAD_S = 5.0
 LATERAL_MOST_M_S = 0.15
 """Fastest sideways motion asked for: a line far away is approached, not jumped at."""
+YAW_MOST_RAD_S = 1.0
+"""Fastest turn asked for: a head taken over amid its swing comes round, it is not thrown."""
 DAMPING = 1e-3
 LEAST_EASE = 1e-3
 EASE_POWER = 2
@@ -74,7 +76,8 @@ class PredictiveNeck:
 
     def _wanted(self, errors: LineErrors, eager: float) -> Float:
         sideways = np.clip(-LATERAL_GAIN_RAD_S * errors.lateral_m, -LATERAL_MOST_M_S, LATERAL_MOST_M_S)
-        return np.array([self.v_mean_m_s, eager * sideways, -eager * YAW_GAIN_RAD_S * errors.yaw_rad])
+        turn = np.clip(-YAW_GAIN_RAD_S * errors.yaw_rad, -YAW_MOST_RAD_S, YAW_MOST_RAD_S)
+        return np.array([self.v_mean_m_s, eager * sideways, eager * turn])
 
 
 def _ease(q_rad: Float) -> Float:

@@ -114,8 +114,8 @@ class Ride:
         return float(np.hypot(*d) / (DT_S * (len(self.settled()) - 1)))
 
 
-def ride(controller, *, alpha_pi=0.5, ratio=3.0, lag_s=0.03, delay_s=0.1, supposed=4.0, neck=6, periods=4, commands=()):
-    """Drive the serpentine gait; ``commands`` are (step, command) pairs."""
+def ride(controller, *, alpha_pi=0.5, ratio=3.0, lag_s=0.03, delay_s=0.1, supposed=4.0, neck=6, periods=3, sensors="both", commands=()):
+    """Drive the serpentine gait; ``sensors``: both, gyro or none; ``commands`` are (step, command) pairs."""
     head = HeadSettings(controller=controller, neck_joints=neck, friction_ratio=supposed)
     control = Control(FLAT, GaitSettings(alpha_pi=alpha_pi, period_s=PERIOD_S), head)
     control.command(GaitCommand(0, "serpentine", alpha_pi=alpha_pi, period_s=PERIOD_S))
@@ -131,7 +131,8 @@ def ride(controller, *, alpha_pi=0.5, ratio=3.0, lag_s=0.03, delay_s=0.1, suppos
             pose = late.popleft()
         if k in due:
             control.command_head(due[k])
-        target = control.step(t_ns, None, pose, gyro(t_ns, plane.twist[2]))
+        imu = None if sensors == "none" else gyro(t_ns, plane.twist[2])
+        target = control.step(t_ns, None, pose if sensors == "both" else None, imu)
         plane.step(target.q_rad)
         heads.append(plane.head)
         targets.append(target.q_rad)

@@ -123,6 +123,15 @@ def test_it_turns_at_its_rate_about_the_head(angle_rad, pose):
     assert line.errors.lateral_m == pytest.approx(before.lateral_m, abs=1e-9)
 
 
+def test_it_turns_by_estimates_alone_too():
+    line = HeadLine()
+    for k in range(100):
+        line.update(k * STEP_NS, pose_estimate(k * STEP_NS), None)
+        if k == 49:
+            line.turn_by(-1.0)
+    assert line.errors.yaw_rad == pytest.approx(50 * DT_S * TURN_RATE_RAD_S)
+
+
 def test_laying_it_anew_forgets_a_turn():
     line = still(HeadLine(), 0, 10)
     line.turn_by(1.0)

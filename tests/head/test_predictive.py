@@ -16,10 +16,9 @@ def test_the_plane_itself_slides_where_least_is_dissipated():
     """Every other twist dissipates more: the reweighted squares have converged."""
     rng = np.random.default_rng(0)
     plane = Plane(ratio=3.0, lag_s=0.03, yaw=0.4)
-    target = np.where(FLAT.is_yaw, rng.uniform(-0.4, 0.4, 35), 0.0)
-    for _ in range(3):
+    for k in range(8):
         q_before, yaw = plane.q_rad, plane.head[2]
-        plane.step(target)
+        plane.step(np.where(FLAT.is_yaw, 0.4 * np.sin(0.31 * np.arange(35) + 0.03 * k), 0.0))
     moved = (contacts(plane.q_rad, yaw)[0] - contacts(q_before, yaw)[0]) / DT_S
     arms, heading = contacts((plane.q_rad + q_before) / 2.0, yaw)
 
@@ -29,8 +28,9 @@ def test_the_plane_itself_slides_where_least_is_dissipated():
         return np.sum(np.hypot(c * v[:, 0] + s * v[:, 1], 3.0 * (-s * v[:, 0] + c * v[:, 1])))
 
     least = dissipated(plane.twist)
-    for change in 0.01 * rng.normal(size=(50, 3)):
-        assert dissipated(plane.twist + change) > least * (1.0 - 1e-5)
+    assert least > 0.1
+    for change in 0.02 * rng.normal(size=(50, 3)):
+        assert dissipated(plane.twist + change) > least
 
 
 @pytest.fixture(scope="module", params=[3.0, 10.0], ids=["ratio 3", "ratio 10"])
@@ -40,7 +40,7 @@ def rides(request):
 
 
 def test_each_controller_is_better_than_the_one_before(rides):
-    """Measured: 66 to 68, 21, .8 to .9, .1 to .3 deg."""
+    """Measured: about 66, 21, .8 and .9, .3 and .1 deg."""
     none, direction, position, predictive = (one.yaw_rms_deg for one in rides.values())
     assert predictive < position < direction < none
     assert none > 55.0
@@ -49,7 +49,7 @@ def test_each_controller_is_better_than_the_one_before(rides):
 
 
 def test_predictive_holds_the_head_still_and_does_not_stop_the_robot(rides):
-    """Measured: .28 and .10 deg, .9 deg/s, 23 and 18 mm, .89 and 1.01 of the uncontrolled speed."""
+    """Measured at ratio 3 and 10: .3 and .1 deg, 1 and .5 deg/s, 23 and 18 mm."""
     head = rides["predictive"]
     assert head.yaw_rms_deg < 0.8
     assert head.peak_rate_deg_s < 5.0
@@ -66,16 +66,17 @@ def test_predictive_holds_the_head_still_and_does_not_stop_the_robot(rides):
         ({"lag_s": 0.08, "delay_s": 0.05}, 0.8, 0.05),
         ({"lag_s": 0.08, "delay_s": 0.15, "ratio": 10.0}, 0.8, 0.05),
         ({"supposed": 1.0}, 0.8, 0.1),
-        ({"supposed": 30.0}, 0.8, 0.05),
+        ({"supposed": 30.0, "delay_s": 0.15}, 0.8, 0.05),
         ({"supposed": 1.0, "ratio": 10.0, "lag_s": 0.08, "delay_s": 0.15}, 0.8, 0.1),
-        ({"neck": 5}, 0.8, 0.05),
-        ({"neck": 4}, 2.0, 0.1),
+        ({"neck": 4}, 0.8, 0.05),
+        ({"sensors": "gyro"}, 0.8, 0.08),
+        ({"sensors": "none"}, 3.0, 0.1),
     ],
     ids=str,
 )
 def test_lag_delay_and_a_wrong_friction_ratio_cost_little(unknown, yaw_deg, sway_m):
-    """Bounds are about twice what was measured at 3 periods: .08 to .44 deg, 18 to 46 mm."""
-    head = ride("predictive", periods=3, **unknown)
+    """Measured: .08 to .42 deg and 18 to 51 mm, the most sway where friction is supposed to have no direction."""
+    head = ride("predictive", **unknown)
     assert head.yaw_rms_deg < yaw_deg
     assert head.sway_m < sway_m
     assert np.max(np.abs(head.targets[:, FLAT.is_yaw][:, -6:])) <= LARGEST_RAD + 1e-9
@@ -84,14 +85,28 @@ def test_lag_delay_and_a_wrong_friction_ratio_cost_little(unknown, yaw_deg, sway
 def test_a_turn_of_the_line_is_followed_by_head_and_robot():
     """45 deg at 8 deg/s, commanded after two periods; the head ends there and the robot goes there."""
     at = int(2 * PERIOD_S / DT_S)
-    head = ride("predictive", periods=6, commands=[(at, HeadCommand(0, turn_by_deg=45.0))])
+    head = ride("predictive", periods=5, commands=[(at, HeadCommand(0, turn_by_deg=45.0))])
     yaw_deg = np.rad2deg(head.head[:, 2])
-    reached = at + int(3 * PERIOD_S / DT_S)
+    reached = at + int(2 * PERIOD_S / DT_S)
     turned = np.mean(yaw_deg[reached:]) - np.mean(yaw_deg[at - 200 : at])
     assert turned == pytest.approx(45.0, abs=2.0)
     assert np.max(np.abs(np.diff(yaw_deg[at:]))) / DT_S < 30.0
     moved = head.head[-1, :2] - head.head[reached, :2]
     assert np.rad2deg(np.arctan2(moved[1], moved[0])) == pytest.approx(yaw_deg[-1], abs=10.0)
+
+
+@pytest.mark.parametrize("sensors", ["both", "none"])
+def test_taken_over_amid_its_widest_swing_the_head_is_not_thrown(sensors):
+    """About 110 deg off the line at first; uncontrolled it turns at 150 deg/s."""
+    at = 250
+    taken = ride("none", sensors=sensors, commands=[(at, HeadCommand(0, controller="predictive"))])
+    yaw_deg = np.rad2deg(taken.head[:, 2])
+    assert abs(yaw_deg[at]) > 80.0
+    assert np.max(np.abs(np.diff(yaw_deg[at:]))) / DT_S < 100.0
+    assert np.max(np.abs(yaw_deg)) < 150.0
+    if sensors == "both":
+        assert np.std(yaw_deg[-150:]) < 0.8
+        assert abs(yaw_deg[-1]) < 30.0
 
 
 def test_a_steady_twist_is_the_one_of_the_model():

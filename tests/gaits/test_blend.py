@@ -146,7 +146,7 @@ def test_taking_up_other_angles_goes_on_from_them_with_their_rates(drive):
     np.testing.assert_allclose((second - first) / DT_S, dq_rad_s, atol=0.25)
     for _ in range(600):
         last = blend.step(drive, DT_S)
-    np.testing.assert_allclose(last, SHAPES["position"](blend.gait, blend.sigma)[0], atol=5e-3)
+    np.testing.assert_allclose(last, SHAPES["position"](blend.gait, blend.sigma)[0], atol=0.02)
 
 
 def test_taking_up_angles_at_rest_stays_there():

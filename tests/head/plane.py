@@ -114,7 +114,19 @@ class Ride:
         return float(np.hypot(*d) / (DT_S * (len(self.settled()) - 1)))
 
 
-def ride(controller, *, alpha_pi=0.5, ratio=3.0, lag_s=0.03, delay_s=0.1, supposed=4.0, neck=6, periods=3, sensors="both", commands=()):
+def ride(
+    controller,
+    *,
+    alpha_pi=0.5,
+    ratio=3.0,
+    lag_s=0.03,
+    delay_s=0.1,
+    supposed=4.0,
+    neck=6,
+    periods=3,
+    sensors="both",
+    commands=(),
+):
     """Drive the serpentine gait; ``sensors``: both, gyro or none; ``commands`` are (step, command) pairs."""
     head = HeadSettings(controller=controller, neck_joints=neck, friction_ratio=supposed)
     control = Control(FLAT, GaitSettings(alpha_pi=alpha_pi, period_s=PERIOD_S), head)

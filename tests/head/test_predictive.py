@@ -129,5 +129,5 @@ def test_a_steady_twist_is_the_one_of_the_model():
 def test_at_pace_0_nothing_is_corrected():
     neck = neck_of(FLAT, 6)
     q_rad = np.where(FLAT.is_yaw, 0.3, 0.0)
-    one = PredictiveNeck(FLAT, neck, posture_loads(FLAT), 4.0, np.full(6, 0.1))
+    one = PredictiveNeck(FLAT, neck, posture_loads(FLAT), 4.0, np.full(6, 0.1), v_mean_m_s=0.2)
     np.testing.assert_array_equal(one.step(q_rad, np.zeros(35), LineErrors(0.2, 0.3), 0.0, PERIOD_S, 0.01), 0.1)

@@ -216,7 +216,7 @@ def test_predictive_without_any_sensor_stays_bounded(alpha_pi):
 def test_another_gait_and_back_under_predictive_control_is_smooth(name, wanted):
     """By the model alone: where nothing answers, estimates that stand still would be an error that grows."""
     control, parts, start = _held(alpha_pi=0.3), [], 0
-    for gait, steps in (("serpentine", 230), (name, 350), ("serpentine", 800)):
+    for gait, steps in (("serpentine", 230), (name, 300), ("serpentine", 700)):
         control.command(GaitCommand(0, gait))
         parts.append(_run(control, steps, start))
         start += steps

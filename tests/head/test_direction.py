@@ -67,7 +67,7 @@ def test_the_curvature_is_the_slope_of_a_heading_without_a_step(alpha):
     """Eq. (10) and Eq. (11): the heading is continuous at s_M and s_N, and the head keeps 0."""
     for t in TIMES:
         for s in (0.0, 0.7, S_M - 0.01, S_M + 0.01, S_N - 0.01, S_N + 0.01):
-            slope = rate(lambda s: phi(alpha, t, s), s)
+            slope = rate(lambda s, t=t: phi(alpha, t, s), s)
             assert slope == pytest.approx(k(alpha, t, s), abs=1e-5)
         for s in (S_M, S_N):
             assert phi(alpha, t, s - 1e-9) == pytest.approx(phi(alpha, t, s + 1e-9), abs=1e-7)

@@ -32,9 +32,7 @@ def test_a_flat_neck_ends_with_the_last_joint_a_raised_one_before_the_frozen():
     assert 32 not in free_yaw_joints(RAISED)
 
 
-@pytest.mark.parametrize(
-    ("joints", "degrees"), [(4, (45, 71, 92)), (5, (34, 55, 72)), (6, (28, 45, 60))], ids=lambda value: str(value)
-)
+@pytest.mark.parametrize(("joints", "degrees"), [(4, (45, 71, 92)), (5, (34, 55, 72)), (6, (28, 45, 60))], ids=str)
 def test_the_largest_neck_angle_is_that_of_the_derivation(joints, degrees):
     angles = [
         np.rad2deg(largest_neck_angle("position", serpentine(alpha_pi), FLAT, neck_of(FLAT, joints)))

@@ -29,7 +29,7 @@ def at(alpha, u, length):
 
 
 def offset_by_quadrature(alpha, u, f_M, length):
-    """y_N of Eq. (14), the heading being the integral of the curvature of Eq. (16) and (19), by small straight steps."""
+    """y_N of Eq. (14), the heading being the integral of the curvature of Eq. (16) and (19), in small steps."""
     s_M = S_N - length
     s = np.linspace(s_M, S_N, 2001)
     middles = (s[1:] + s[:-1]) / 2.0
@@ -73,7 +73,7 @@ def test_the_offset_of_any_neck_agrees_with_quadrature(f_M):
 
 
 def test_the_condition_of_no_sway():
-    """Eq. (15): d/dt int sin(int_s^sN k) ds = -v sin(int k ds), along the closed form, sin(-phi) being its integrand."""
+    """Eq. (15): d/dt int sin(int_s^sN k) ds = -v sin(int k ds), with the closed form's f_M."""
     alpha, length = 0.5 * np.pi, 12.0 * L0
     s_M = S_N - length
 
@@ -125,10 +125,10 @@ def test_forward_integration_drifts_and_the_closed_form_does_not():
     """Eq. (18) keeps a wrong start for ever, and does not learn of a new amplitude."""
     length, alpha = 12.0 * L0, 0.5 * np.pi
     right = at(alpha, 0.0, length)[2]
-    wrong = march(lambda t: alpha, 0.0, length)
+    wrong = march(lambda _: alpha, 0.0, length)
     assert np.min(np.abs(wrong)) > 0.3
     assert np.max(np.abs(wrong)) == pytest.approx(0.71, abs=0.02)
-    assert np.max(np.abs(march(lambda t: alpha, right, length))) < 0.2
+    assert np.max(np.abs(march(lambda _: alpha, right, length))) < 0.2
     steps = march(lambda t: 0.3 * np.pi if t < 4.0 else alpha, at(0.3 * np.pi, 0.0, length)[2], length)
     assert abs(np.mean(steps[:400])) < 0.02
     assert abs(np.mean(steps[400:])) > 0.2

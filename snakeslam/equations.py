@@ -157,7 +157,7 @@ EQUATIONS: dict[int, Equation] = {
             "f_M(t_{k+1}) = f_M(t_k) + df_M/dt dt",
             f"{POSITION}.step_difference",
             POSITION_TEST,
-            note="Drifts: f(0) = 0 leaves up to .7 m of head offset at .5 pi; the drift-free form solves y_N = 0 for f.",
+            note="Drifts: f(0) = 0 leaves up to .7 m of head offset at .5 pi; the drift-free form solves y_N = 0.",
         ),
         Equation(
             19,

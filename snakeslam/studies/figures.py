@@ -13,8 +13,8 @@ from snakeslam.messages import Float
 from snakeslam.studies.measures import MEASURES, MeasureName
 from snakeslam.studies.rows import Row
 from snakeslam.studies.study import Study
-from snakeslam.studies.study_file import FigureSettings, Scalar, text
-from snakeslam.studies.table import chosen_rows, spread
+from snakeslam.studies.study_file import FigureSettings, ReferenceSettings, Scalar, text
+from snakeslam.studies.table import chosen_rows, deviation, spread
 
 COLOURS = ("#5b6770", "#e07b39", "#2a7fba", "#2e8b57", "#8e5ea2", "#b8860b", "#c0392b", "#008b8b")
 MARKERS = "osD^vPXh"
@@ -53,7 +53,7 @@ def _curves(study: Study, figure: FigureSettings, rows: Sequence[Row]) -> Figure
     """Draw measures against the axis x: a row of panels for each measure, a column for each value of ``panels``."""
     measures = figure.measures or study.settings.measure
     columns, lines = _values(study, figure.panels), _values(study, figure.lines)
-    drawn = Figure(figsize=(0.8 + 3.6 * len(columns), 0.9 + 2.1 * len(measures)), layout="constrained")
+    drawn = Figure(figsize=(1.2 + 3.4 * len(columns), 1.2 + 2.0 * len(measures)), layout="constrained")
     panels: Any = drawn.subplots(len(measures), len(columns), squeeze=False, sharex=True, sharey="row")
     for name, row_of_panels in zip(measures, panels, strict=True):
         for column, axes in zip(columns, row_of_panels, strict=True):
@@ -94,16 +94,30 @@ def _curve(
     xs = [x if numeric else text(x) for x, _ in found]
     mean = np.array([s.mean for _, s in found])
     reach = np.array([[s.mean - s.lowest for _, s in found], [s.highest - s.mean for _, s in found]])
+    off = _deviation(study, figure, rows, name)
     look: dict[str, Any] = {"color": COLOURS[k % len(COLOURS)], "marker": MARKERS[k % len(MARKERS)]}
-    axes.errorbar(xs, mean, yerr=reach, markersize=4, linewidth=1.4, capsize=2, label=_name(line), **look)
+    axes.errorbar(xs, mean, yerr=reach, markersize=4, linewidth=1.4, capsize=2, label=_name(line) + off, **look)
     if numeric:
         axes.set_xticks(values)
 
 
-def _reference(study: Study, figure: FigureSettings, axes: Any, name: MeasureName) -> None:
-    """Draw the published values where the panel shows their measure against their axis."""
+def _deviation(study: Study, figure: FigureSettings, rows: Sequence[Row], name: MeasureName) -> str:
+    """Return how far a line is from the published values, for its name in the only row of panels."""
+    reference = _published(study, figure, name)
+    rms = deviation(study, reference, rows) if reference is not None and figure.measures == (name,) else None
+    return "" if rms is None else f": {100.0 * rms:.1f} % rms off"
+
+
+def _published(study: Study, figure: FigureSettings, name: MeasureName) -> ReferenceSettings | None:
+    """Return the published values where they are of this measure, against this figure's axis."""
     reference = study.settings.reference
-    if reference is None or reference.measure != name or reference.axis != figure.x:
+    return reference if reference is not None and (reference.measure, reference.axis) == (name, figure.x) else None
+
+
+def _reference(study: Study, figure: FigureSettings, axes: Any, name: MeasureName) -> None:
+    """Draw the published values where there are any."""
+    reference = _published(study, figure, name)
+    if reference is None:
         return
     look: dict[str, Any] = {"color": "black", "marker": "x", "linestyle": "none", "zorder": 5}
     axes.plot(study.settings.axes[reference.axis], reference.values, label=reference.source, **look)
@@ -144,7 +158,9 @@ def _label(
     title = ", ".join(f"{NAMES.get(key, key)} {text(value)}" for key, value in figure.where.items())
     drawn.suptitle(", ".join(part for part in (study.settings.title or study.name, title) if part), fontsize=10)
     if len(names) > 1:
-        drawn.legend(list(names.values()), list(names), loc="outside lower center", ncols=min(4, len(names)))
+        drawn.legend(
+            list(names.values()), list(names), loc="outside lower center", ncols=min(2 * len(columns), len(names))
+        )
 
 
 def _values(study: Study, axis: str | None) -> list[dict[str, Scalar]]:

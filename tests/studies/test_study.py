@@ -25,7 +25,7 @@ TINY: dict[str, Any] = {
     "settings": {
         "robot.model": "orthogonal24",
         "robot.head_posture": "flat",
-        "gait.period_s": 1.5,
+        "gait.period_s": 1.0,
         "gait.wavelength_joints": 24,
         "run.rest_s": 0.0,
         "sim.world": "blank",
@@ -280,39 +280,24 @@ def _only_third(point: Point) -> Measured:
 
 def _failing(tree: dict[str, Any]) -> None:
     tree["axes"] = {"gait.alpha_pi": [0.1, 0.5, 0.4, 0.2]}
-    tree["seeds"] = [1, 2]
     tree["figures"] = []
     tree["settings"]["gait.period_s"] = 10.0
 
 
 def test_a_run_that_fails_is_a_row_and_stops_no_other(tmp_path: Path) -> None:
     study = load_study(write(tmp_path, _failing))
-    files = [_run_pretended(study, tmp_path / str(workers), workers) for workers in (1, 3)]
-    assert files[0] == files[1]
-    rows = rows_of(tmp_path / "1" / "results.csv")
-    assert [row["status"] for row in rows] == ["done", "failed", "failed", "done"] * 2
+    out, counts = tmp_path / "out", list[int]()
+    result = run_study(study, out, 1, report=lambda _: counts.append(len(rows_of(out / "results.csv"))), run=pretend)
+    rows = rows_of(out / "results.csv")
+    assert result.failed == 2
+    # Each row is there as soon as its run has ended.
+    assert counts == [1, 2, 3, 4]
+    assert [row["status"] for row in rows] == ["done", "failed", "failed", "done"]
     assert rows[1]["reason"] == "its process ended with code 3"
     assert rows[2]["reason"] == "ValueError: the robot fell over"
     assert rows[2]["sway_pp_m"] == ""
-    assert [float(rows[k]["sway_pp_m"]) for k in (0, 3, 4, 7)] == [2.0, 3.0, 3.0, 4.0]
-    assert (
-        "- failed: gait.alpha_pi=0.5, seed 1: its process ended with code 3"
-        in (tmp_path / "1" / "summary.md").read_text()
-    )
-
-
-def _run_pretended(study: Study, out: Path, workers: int) -> bytes:
-    assert run_study(study, out, workers, run=pretend).failed == 4
-    return (out / "results.csv").read_bytes()
-
-
-def test_each_row_is_written_before_the_next_run_ends(tmp_path: Path) -> None:
-    study = load_study(write(tmp_path, _failing))
-    counts: list[int] = []
-    run_study(
-        study, tmp_path / "out", report=lambda _: counts.append(len(rows_of(tmp_path / "out/results.csv"))), run=pretend
-    )
-    assert counts == list(range(1, 9))
+    assert [float(rows[k]["sway_pp_m"]) for k in (0, 3)] == [2.0, 3.0]
+    assert "- failed: gait.alpha_pi=0.5, seed 1: its process ended with code 3" in result.table
 
 
 def test_a_study_with_a_failure_ends_with_1(
@@ -326,11 +311,12 @@ def test_a_study_with_a_failure_ends_with_1(
     assert "sim.physics.rate_hz: 401 is not possible (allowed: multiples of 400)" in said.out
 
 
-def test_resume_refuses_the_folder_of_another_study(tmp_path: Path) -> None:
-    run_study(load_study(write(tmp_path, _failing)), tmp_path / "out", run=pretend)
-    other = load_study(write(tmp_path, lambda tree: _failing(tree) or tree.update(measure=["speed_m_s"])))
+def test_resume_refuses_the_folder_of_another_study(finished: tuple[Study, Path], tmp_path: Path) -> None:
+    other = load_study(write(tmp_path, lambda tree: tree.update(measure=["speed_m_s"], figures=[])))
+    before = (finished[1] / "results.csv").read_bytes()
     with pytest.raises(InputError, match="has other columns than the study"):
-        run_study(other, tmp_path / "out", resume=True, run=pretend)
+        run_study(other, finished[1], resume=True, run=pretend)
+    assert (finished[1] / "results.csv").read_bytes() == before
 
 
 def _row(study: Study, number: int, sway_m: float) -> Row:

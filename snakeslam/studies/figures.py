@@ -38,6 +38,8 @@ NAMES = {
     "head.neck_joints": "neck (yaw joints)",
 }
 DPI = 110
+LETTERS_PER_INCH, KEY_LETTERS = 13, 8
+"""How wide a legend's text is, and what a line's sample takes beside it."""
 
 
 def draw(study: Study, figure: FigureSettings, rows: Sequence[Row], series: Mapping[int, Float], path: Path) -> None:
@@ -158,9 +160,9 @@ def _label(
     title = ", ".join(f"{NAMES.get(key, key)} {text(value)}" for key, value in figure.where.items())
     drawn.suptitle(", ".join(part for part in (study.settings.title or study.name, title) if part), fontsize=10)
     if len(names) > 1:
-        drawn.legend(
-            list(names.values()), list(names), loc="outside lower center", ncols=min(2 * len(columns), len(names))
-        )
+        fitting = int(LETTERS_PER_INCH * drawn.get_figwidth() / (max(map(len, names)) + KEY_LETTERS))
+        ncols = min(max(1, fitting), len(names))
+        drawn.legend(list(names.values()), list(names), loc="outside lower center", ncols=ncols)
 
 
 def _values(study: Study, axis: str | None) -> list[dict[str, Scalar]]:

@@ -7,9 +7,9 @@ from snakeslam.gaits.blend import GaitBlend
 from snakeslam.gaits.catalogue import GaitSettings, resolve
 from snakeslam.gaits.command import commanded_gait
 from snakeslam.head.command import commanded_head
-from snakeslam.head.controller import HeadControl
+from snakeslam.head.controller import HeadControl, HeadSense
 from snakeslam.head.laws import check
-from snakeslam.head.line import HeadLine
+from snakeslam.head.line import TURN_RATE_RAD_S
 from snakeslam.head.settings import HeadSettings
 from snakeslam.messages import Float, GaitCommand, HeadCommand, ImuSample, JointState, JointTarget, PoseEstimate
 from snakeslam.robot.limits import LimitedFollower
@@ -31,9 +31,9 @@ class Control:
         self._configured = gait
         self._gait = resolve(gait, model)
         check(head, model, self._gait)
-        self._drive = 0.0
+        self._asked, self._drive, self._turn = gait, 0.0, 0.0
         self._t_ns: int | None = None
-        self._head = HeadControl(model, head, HeadLine())
+        self._head = HeadControl(model, head, HeadSense())
         self._blend = GaitBlend(model, self._gait, model.rest_q_rad, self._head.shape)
         self._follower = LimitedFollower(model.limits, model.rest_q_rad)
 
@@ -47,22 +47,30 @@ class Control:
         for key, value in (("drive", command.drive), ("turn", command.turn)):
             if not abs(value) <= 1.0:
                 raise InputError(f"gait.{key}", f"cannot be {value}", "-1 to 1")
-        gait = resolve(commanded_gait(command, self._configured), self._model, command.turn)
-        check(self.head, self._model, gait)
-        self._drive = command.drive
-        if gait != self._gait:
-            self._gait = gait
-            self._blend.set_gait(gait)
+        settings = commanded_gait(command, self._configured)
+        check(self.head, self._model, resolve(settings, self._model, command.turn))
+        self._asked, self._drive, self._turn = settings, command.drive, command.turn
+        self._play()
 
     def command_head(self, command: HeadCommand) -> None:
         """Take the operator's wish for the head; InputError, and no change, where it cannot be done."""
         settings = commanded_head(command, self.head, self._model, self._gait)
         if settings != self.head:
             self._hand_back()
-            self._head = HeadControl(self._model, settings, self._head.line)
+            self._head = HeadControl(self._model, settings, self._head.sense)
             self._blend.set_shape(self._head.shape)
+            self._play()
         if command.turn_by_deg is not None:
-            self._head.line.turn_by(math.radians(command.turn_by_deg))
+            self._head.sense.line.turn_by(math.radians(command.turn_by_deg))
+
+    def _play(self) -> None:
+        """Play the gait asked for; a head that is held on a line turns the robot by the line, not by the gait."""
+        gait = resolve(self._asked, self._model)
+        if not self._head.steers(gait):
+            gait = resolve(self._asked, self._model, self._turn)
+        if gait != self._gait:
+            self._gait = gait
+            self._blend.set_gait(gait)
 
     def step(
         self, t_ns: int, joints: JointState | None, pose: PoseEstimate | None, imu: ImuSample | None
@@ -72,12 +80,12 @@ class Control:
         The newest pose and IMU sample are for head control.
         """
         dt_s = self._elapsed_s(t_ns, joints)
-        self._head.line.update(t_ns, pose, imu)
+        self._head.sense.update(t_ns, pose, imu)
         if dt_s > 0.0:
-            self._follower.step(self._wanted(dt_s), dt_s)
-        return JointTarget(t_ns, self._follower.q_rad)
+            self._follower.step(self._wanted(dt_s, joints), dt_s)
+        return JointTarget(t_ns, self._follower.q_rad, self._blend.roll_rad)
 
-    def _wanted(self, dt_s: float) -> Float:
+    def _wanted(self, dt_s: float, joints: JointState | None) -> Float:
         """Return the gait's angles with the head's control over them."""
         feeds_back = self._head.feeds_back(self._blend.gait)
         if not feeds_back:
@@ -85,7 +93,9 @@ class Control:
         q_rad = self._blend.step(self._drive, dt_s)
         if not feeds_back:
             return q_rad
-        return self._head.step(q_rad, self._blend.gait, self._blend.pace, self._follower.q_rad, dt_s)
+        if self._head.steers(self._blend.gait):
+            self._head.sense.line.turn_by(self._turn * TURN_RATE_RAD_S * abs(self._blend.pace) * dt_s)
+        return self._head.step(q_rad, self._blend, self._follower.q_rad, joints, dt_s)
 
     def _hand_back(self) -> None:
         """Let the blend go on from where feedback has brought the neck."""

@@ -104,10 +104,14 @@ class HeadCommand:
 
 @dataclass(frozen=True, slots=True)
 class JointTarget:
-    """Commanded joint angles ``q_rad`` (N,), tail to head."""
+    """Commanded joint angles ``q_rad`` (N,), tail to head.
+
+    ``head_roll_rad`` is how far the gait has rolled the head about its view, None where the gait does not roll.
+    """
 
     t_ns: int
     q_rad: Float
+    head_roll_rad: float | None = None
 
     def __post_init__(self) -> None:
         _read_only(self, {"q_rad": np.float64})

@@ -59,6 +59,11 @@ class GaitBlend:
         """Present speed of time in [-1, 1]."""
         return self._pace
 
+    @property
+    def roll_rad(self) -> float | None:
+        """How far the gait has rolled the body since it was upright; None where it does not roll."""
+        return self._sigma - self._gait.start_sigma if self._gait.rolls else None
+
     def set_gait(self, gait: ResolvedGait) -> None:
         """Change to ``gait``: at once, or when a rolling body is upright again."""
         self._next = gait

@@ -38,6 +38,7 @@ class HeadLine:
         self._pose: PoseEstimate | None = None
         self._pose_yaw_rad = 0.0
         self._t_ns = 0
+        self._running = False
         self._heading_rad = 0.0
         self._origin_W: Float = np.zeros(2)
         self._to_turn_rad = 0.0
@@ -49,27 +50,27 @@ class HeadLine:
 
     @property
     def errors(self) -> LineErrors:
-        """The head's errors now."""
+        """The head's errors now; none without any sensor, for what is not seen cannot be steered out."""
+        if self._pose is None and not self._turned:
+            return LineErrors()
         across = np.array([-np.sin(self._heading_rad), np.cos(self._heading_rad)])
         lateral_m = 0.0 if self._pose is None else float(across @ (self._position_W() - self._origin_W))
         return LineErrors(_wrapped(self._yaw_rad() - self._heading_rad), lateral_m)
 
     def update(self, t_ns: int, pose: PoseEstimate | None, imu: ImuSample | None) -> None:
         """Go on to ``t_ns`` with what is known there."""
-        dt_s = (t_ns - self._t_ns) * NS if self._turned else 0.0
-        self._t_ns = t_ns
+        dt_s = (t_ns - self._t_ns) * NS if self._running else 0.0
+        self._t_ns, self._running = t_ns, True
         if imu is not None:
             self._take_gyro(t_ns, imu)
         if pose is not None and (self._pose is None or pose.t_ns > self._pose.t_ns):
             self._take_pose(pose)
         self._turn(dt_s)
 
-    def lay(self, yaw_offset_rad: float, offset_H: Float) -> None:
-        """Lay the line through a point, (2,) m in the head's level frame, at an angle to the head's heading."""
-        yaw = self._yaw_rad()
-        c, s = np.cos(yaw), np.sin(yaw)
-        self._heading_rad = yaw + yaw_offset_rad
-        self._origin_W = self._position_W() + np.array([[c, -s], [s, c]]) @ offset_H
+    def lay(self, heading_rad: float, offset_W: Float) -> None:
+        """Lay the line through a point, (2,) m from the head, at a heading."""
+        self._heading_rad = heading_rad
+        self._origin_W = self._position_W() + offset_W
         self._to_turn_rad = 0.0
 
     def turn_by(self, angle_rad: float) -> None:
@@ -108,13 +109,11 @@ class HeadLine:
     def _take_pose(self, pose: PoseEstimate) -> None:
         """Take a newer estimate; carry the line along where it jumps."""
         yaw = float(so3.yaw(pose.T_WI[:3, :3]))
-        if self._pose is None:
-            jump_rad, jump_W = _wrapped(yaw - self._yaw_rad()), pose.T_WI[:2, 3].copy()
-        else:
-            foreseen = self._pose_yaw_rad + self._turned_at(pose.t_ns) - self._turned_at(self._pose.t_ns)
-            jump_rad = _wrapped(yaw - foreseen)
-            jump_W = pose.T_WI[:2, 3] - self._pose.T_WI[:2, 3]
-            jump_W = jump_W - self._pose.v_W[:2] * ((pose.t_ns - self._pose.t_ns) * NS)
+        since = 0.0 if self._pose is None else self._turned_at(self._pose.t_ns)
+        jump_rad = _wrapped(yaw - self._pose_yaw_rad - self._turned_at(pose.t_ns) + since)
+        jump_W = pose.T_WI[:2, 3].copy()
+        if self._pose is not None:
+            jump_W -= self._pose.T_WI[:2, 3] + self._pose.v_W[:2] * ((pose.t_ns - self._pose.t_ns) * NS)
         if self._pose is None or abs(jump_rad) > JUMP_RAD or float(np.linalg.norm(jump_W)) > JUMP_M:
             self._carry_along(pose, jump_rad, jump_W)
         self._pose, self._pose_yaw_rad = pose, yaw

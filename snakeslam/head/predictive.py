@@ -27,6 +27,8 @@ YAW_GAIN_RAD_S = 8.0
 LATERAL_GAIN_RAD_S = 5.0
 LATERAL_MOST_M_S = 0.15
 """Fastest sideways motion asked for: a line far away is approached, not jumped at."""
+YAW_MOST_RAD_S = 1.0
+"""Fastest turn asked for: a head taken over amid its swing comes round, it is not thrown."""
 DAMPING = 1e-3
 LEAST_EASE = 1e-3
 EASE_POWER = 2
@@ -66,17 +68,18 @@ class PredictiveNeck:
         wanted = self._wanted(errors, eager)
         gap = WEIGHTS * (wanted - free)
         WJ = WEIGHTS[:, None] * J[:, chosen]
-        QJ = _ease(self.q_neck_rad)[:, None] * WJ.T
+        QJ = ease(self.q_neck_rad)[:, None] * WJ.T
         rate = rate + QJ @ np.linalg.solve(WJ @ QJ + DAMPING * np.eye(3), gap)
-        self.v_mean_m_s += (float(free[0]) - self.v_mean_m_s) * min(1.0, dt_s / (MEAN_SPEED_PERIODS * period_s))
+        self.v_mean_m_s += (float(free[0]) - self.v_mean_m_s) * min(1.0, eager * dt_s / (MEAN_SPEED_PERIODS * period_s))
         self.q_neck_rad = np.clip(self.q_neck_rad + rate * dt_s, -LARGEST_RAD, LARGEST_RAD)
         return self.q_neck_rad
 
     def _wanted(self, errors: LineErrors, eager: float) -> Float:
         sideways = np.clip(-LATERAL_GAIN_RAD_S * errors.lateral_m, -LATERAL_MOST_M_S, LATERAL_MOST_M_S)
-        return np.array([self.v_mean_m_s, eager * sideways, -eager * YAW_GAIN_RAD_S * errors.yaw_rad])
+        turn = np.clip(-YAW_GAIN_RAD_S * errors.yaw_rad, -YAW_MOST_RAD_S, YAW_MOST_RAD_S)
+        return eager * np.array([self.v_mean_m_s, sideways, turn])
 
 
-def _ease(q_rad: Float) -> Float:
+def ease(q_rad: Float) -> Float:
     """Return how willing each joint is to help, (n,): a joint that is bent far leaves the work to the others."""
     return np.maximum(LEAST_EASE, (1.0 - (q_rad / LARGEST_RAD) ** 2) ** EASE_POWER)

@@ -28,6 +28,8 @@ from snakeslam.studies.recorder import Recorder
 from snakeslam.studies.run_directory import default_out, new_directory
 
 Progress = Callable[[float], None]
+START_UP_PERIODS = 2
+"""The head is judged once the gait has formed."""
 PACKAGES = ("snakeslam", "numpy", "scipy", "opencv-python-headless", "pybullet")
 
 
@@ -90,7 +92,8 @@ def _evaluate(config: Config, backend: Backend, recorder: Recorder, wall_s: floa
     head = None
     if backend.model is not None and recorder.first_ns is not None:
         period_s = 2.0 * math.pi / resolve(config.gait, backend.model).omega
-        head = HeadWindow(recorder.first_ns + round((config.run.rest_s + period_s) * 1e9), period_s)
+        start_up_s = config.run.rest_s + START_UP_PERIODS * period_s
+        head = HeadWindow(recorder.first_ns + round(start_up_s * 1e9), period_s)
     return evaluate(
         recorder.updates,
         recorder.truth,

@@ -68,7 +68,8 @@ class Loop:
         if self.control is None:
             return None
         target = self.control.step(self.backend.t_ns, self._joints, self.pose, self._imu)
-        self.slam.expect(target)
+        if self.slam is not None:
+            self.slam.expect(target)
         self.sink.on_target(target)
         return target
 

@@ -8,6 +8,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from snakeslam.messages import Float
 from snakeslam.studies.measures import MEASURES, MeasureName
@@ -38,6 +39,7 @@ NAMES = {
     "head.neck_joints": "neck (yaw joints)",
 }
 DPI = 110
+HEADROOM = 1.05
 LETTERS_PER_INCH, KEY_LETTERS = 13, 8
 """How wide a legend's text is, and what a line's sample takes beside it."""
 
@@ -73,9 +75,11 @@ def _scale(axes: Any, logarithmic: bool) -> None:
     """Scale a row of panels, which share the axis, once all of it is drawn: set earlier, the limits would stay."""
     if logarithmic:
         axes.set_yscale("log")
+        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axes.yaxis.set_major_formatter("{x:g}")
+        axes.yaxis.set_minor_formatter(NullFormatter())
     else:
-        axes.set_ylim(bottom=0.0)
+        axes.set_ylim(0.0, HEADROOM * axes.get_ylim()[1])
 
 
 def _curve(
@@ -148,16 +152,14 @@ def _label(
     """Name columns, axes and lines; the legend stands above the panels."""
     for column, axes in zip(columns, panels[0], strict=True):
         if column:
-            axes.set_title(
-                ", ".join(f"{NAMES.get(key, key)} {text(value)}" for key, value in column.items()), fontsize=9
-            )
+            axes.set_title(", ".join(_said(key, value) for key, value in column.items()), fontsize=9)
     for axes in panels[-1]:
         axes.set_xlabel(NAMES.get(x, x))
     names: dict[str, Any] = {}
     for axes in panels.flat:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
             names.setdefault(label, handle)
-    title = ", ".join(f"{NAMES.get(key, key)} {text(value)}" for key, value in figure.where.items())
+    title = ", ".join(_said(key, value) for key, value in figure.where.items())
     drawn.suptitle(", ".join(part for part in (study.settings.title or study.name, title) if part), fontsize=10)
     if len(names) > 1:
         fitting = int(LETTERS_PER_INCH * drawn.get_figwidth() / (max(map(len, names)) + KEY_LETTERS))
@@ -172,9 +174,12 @@ def _values(study: Study, axis: str | None) -> list[dict[str, Scalar]]:
 
 def _name(line: dict[str, Scalar]) -> str:
     return (
-        ", ".join(
-            text(value) if key == "head.controller" else f"{NAMES.get(key, key)} {text(value)}"
-            for key, value in line.items()
-        )
+        ", ".join(text(value) if key == "head.controller" else _said(key, value) for key, value in line.items())
         or "measured"
     )
+
+
+def _said(key: str, value: Scalar) -> str:
+    """Return an axis with its value, the unit behind it."""
+    name, _, unit = NAMES.get(key, key).partition(" (")
+    return f"{name} {text(value)} {unit.rstrip(')')}".rstrip()

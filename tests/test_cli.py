@@ -86,7 +86,11 @@ def test_commands_of_later_versions_say_so(cli: Cli, arguments: list[str]) -> No
         (["run", "{configs}/sim.yaml", "--set", "gait.perod_s=4"], "did you mean gait.period_s?"),
         (["run", "{configs}/sim.yaml", "--set", "gait.name=moonwalk"], "--set gait.name: 'moonwalk' is not possible"),
         (["run", "{configs}/sim.yaml", "--set", "gait.period_s=0.5"], "gait.period_s"),
-        (["run", "{configs}/sim.yaml", "--set", "head.controller=position"], "'position' is not built yet"),
+        (["run", "{configs}/sim.yaml", "--set", "head.neck_joints=1"], "--set head.neck_joints: 1 is not possible"),
+        (
+            ["run", "{configs}/sim.yaml", *"--set head.controller=position --set head.neck_joints=2".split()],
+            "head.neck_joints: 2 yaw joints would bend",
+        ),
         (["run", "{configs}/sim.yaml", "--set", "estimator.mode=fused"], "'fused' is not built yet"),
         (["run", "{configs}/sim.yaml", "--set", "sim.world=moon"], "sim.world: 'moon' is not possible"),
         (["run", "none.yaml"], "none.yaml: no such configuration file"),

@@ -39,7 +39,7 @@ def test_what_there_is_and_what_is_in_force(client: httpx.Client) -> None:
         assert entry["summary"]
         assert entry["available"] == (entry["reason"] is None)
     assert [entry["name"] for entry in found["controllers"] if entry["steers"]] == ["predictive"]
-    assert found["neck_joints"] == {"min": 3, "max": 10, "default": 6}
+    assert found["neck_joints"] == {"min": 2, "max": 7, "default": 6}
     assert found["turn_by_deg"] == {"min": -180, "max": 180}
 
 
@@ -78,7 +78,7 @@ def test_setting_the_head_moves_nothing(client: httpx.Client) -> None:
     [
         ({"controller": "steady"}, "controller"),
         ({"controller": 1}, "controller"),
-        ({"neck_joints": 2}, "neck_joints"),
+        ({"neck_joints": 1}, "neck_joints"),
         ({"neck_joints": 11}, "neck_joints"),
         ({"neck_joints": 5.5}, "neck_joints"),
         ({"neck_joints": "many"}, "neck_joints"),

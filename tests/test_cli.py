@@ -88,7 +88,7 @@ def test_commands_of_later_versions_say_so(cli: Cli, arguments: list[str]) -> No
         (["run", "{configs}/sim.yaml", "--set", "gait.period_s=0.5"], "gait.period_s"),
         (["run", "{configs}/sim.yaml", "--set", "head.neck_joints=1"], "--set head.neck_joints: 1 is not possible"),
         (
-            ["run", "{configs}/sim.yaml", *"--set head.controller=position --set head.neck_joints=2".split()],
+            ["run", "{configs}/sim.yaml", "--set", "head.controller=position", "--set", "head.neck_joints=2"],
             "head.neck_joints: 2 yaw joints would bend",
         ),
         (["run", "{configs}/sim.yaml", "--set", "estimator.mode=fused"], "'fused' is not built yet"),

@@ -25,7 +25,7 @@ class RecordingSettings(Settings):
     """What is written besides trajectories."""
 
     enabled: bool = False
-    """Write recording.mcap into the run directory."""
+    """Write ``sensors/`` into the run directory: a TUM RGB-D folder with IMU and joints, which ``replay`` reads."""
 
 
 class RunSettings(Settings):
@@ -114,8 +114,6 @@ def check_built(config: Config, where: Callable[[str], str] = str) -> None:
         raise NotBuiltError(where("estimator.mode"), config.estimator.mode, "visual, vio")
     if config.head.controller != "none":
         raise NotBuiltError(where("head.controller"), config.head.controller, "none")
-    if config.recording.enabled:
-        raise NotBuiltError(where("recording.enabled"), "writing recording.mcap", "false")
 
 
 class _UniqueKeyLoader(yaml.SafeLoader):

@@ -17,7 +17,6 @@ import numpy as np
 
 from snakeslam.backends.base import Backend
 from snakeslam.config import Config
-from snakeslam.control import Control
 from snakeslam.errors import SnakeslamError
 from snakeslam.messages import GaitCommand
 from snakeslam.runtime.assembly import build_backend, build_control, build_slam
@@ -67,10 +66,9 @@ class Session:
         backend = spec.build(spec) if spec.build is not None else build_backend(spec.config, spec.recording)
         self._model = backend.model
         self._guard: Guard | None = None
-        self._control: Control | None = None
-        if backend.model is not None:
+        self._control = build_control(spec.config, backend)
+        if self._control is not None and backend.model is not None:
             self._guard = Guard(backend.model.limits, spec.estop_reason)
-            self._control = build_control(spec.config, backend.model)
             backend = GuardedBackend(backend, self._guard)
         self.backend = backend
         self._gait = configured_gait(spec.config) if self._control else None
@@ -80,7 +78,7 @@ class Session:
         config = _with_estimator_mode(spec, has_imu=backend.rig.imu0 is not None)
         # The visual estimator starts level with its camera, however that is held.
         self._sink = LiveSink(backend.model, put, gravity_known=config.estimator.mode != "visual")
-        self._loop = Loop(backend, self._control, build_slam(config, backend.rig), self._sink)
+        self._loop = Loop(backend, self._control, build_slam(config, backend), self._sink)
         self._autostart_ns = backend.t_ns + round(config.run.rest_s * 1e9) if spec.autostart else None
         put(_started(backend, config.estimator.mode, self._gait))
 

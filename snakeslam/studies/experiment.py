@@ -16,10 +16,12 @@ from typing import Any
 from snakeslam.backends.base import Backend
 from snakeslam.backends.replay.backend import ReplayBackend
 from snakeslam.config import Config
+from snakeslam.errors import InputError
 from snakeslam.gaits.catalogue import resolve
 from snakeslam.mapping.export import write_ply
 from snakeslam.messages import GaitCommand
 from snakeslam.recording.trajectory import write_trajectory
+from snakeslam.recording.tum_writer import TumWriter
 from snakeslam.robot.model import snake_model
 from snakeslam.runtime.assembly import build_backend, build_control, build_slam
 from snakeslam.runtime.lockstep import Loop
@@ -56,12 +58,20 @@ def run_experiment(
         resolve(config.gait, snake_model(config.robot))
     place = out or default_out(recording.resolve().name if recording else f"{config.gait.name}-s{config.run.seed}")
     with new_directory(place) as part, closing(build_backend(config, recording)) as backend:
-        recorder = Recorder()
-        loop = Loop(backend, build_control(config, backend.model), build_slam(config, backend.rig), recorder)
+        recorder = Recorder(_sensor_writer(config, recording, part, backend))
+        loop = Loop(backend, build_control(config, backend), build_slam(config, backend), recorder)
         wall_s = _turn(loop, config, _end_ns(config, backend, duration_s), progress or (lambda _: None))
         metrics = _evaluate(config, backend, recorder, wall_s)
         _write(part, config, recording, recorder, metrics)
     return RunResult(place, metrics)
+
+
+def _sensor_writer(config: Config, recording: Path | None, part: Path, backend: Backend) -> TumWriter | None:
+    if not config.recording.enabled:
+        return None
+    if recording is not None:
+        raise InputError("recording.enabled", "a replay has its sensors already", "false")
+    return TumWriter(part / "sensors", backend.rig, backend.model)
 
 
 def _end_ns(config: Config, backend: Backend, duration_s: float | None) -> int:
@@ -88,7 +98,7 @@ def _turn(loop: Loop, config: Config, end_ns: int, progress: Progress) -> float:
 
 def _evaluate(config: Config, backend: Backend, recorder: Recorder, wall_s: float) -> Metrics:
     head = None
-    if backend.model is not None and recorder.first_ns is not None:
+    if not isinstance(backend, ReplayBackend) and backend.model is not None and recorder.first_ns is not None:
         period_s = 2.0 * math.pi / resolve(config.gait, backend.model).omega
         head = HeadWindow(recorder.first_ns + round((config.run.rest_s + period_s) * 1e9), period_s)
     return evaluate(
@@ -108,6 +118,8 @@ def _write(part: Path, config: Config, recording: Path | None, recorder: Recorde
         write_trajectory(part / "ground_truth.tum", ((sample.t_ns, sample.T_WI) for sample in recorder.truth))
     write_ply(part / "map.ply", [recorder.chunks[key] for key in sorted(recorder.chunks)])
     recorder.write_joints(part / "joints.csv")
+    if recorder.sensors is not None:
+        recorder.sensors.finish(recorder.truth)
     facts: dict[str, Any] = {
         "written": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}",
         "recording": str(recording.resolve()) if recording else None,

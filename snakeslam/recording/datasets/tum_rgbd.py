@@ -1,9 +1,11 @@
 """TUM RGB-D folders [Sturm12]: rgb.txt, depth.txt and, where known, groundtruth.txt of the colour camera.
 
-Our additions: ``calibration.yaml`` in Kalibr's form and ``imu.csv`` (t_ns, gyro xyz rad/s, accel xyz m/s^2).
+Our additions: ``calibration.yaml`` in Kalibr's form, ``imu.csv`` (t_ns, gyro xyz rad/s, accel xyz m/s^2),
+``exposure.csv`` (t_ns of a colour image, ns) and the joints (``datasets.joints``).
 """
 
 import re
+from dataclasses import replace
 from pathlib import Path, PurePosixPath
 
 from snakeslam.calibration import SensorRig, load_rig
@@ -13,6 +15,7 @@ from snakeslam.paths import configs_dir
 from snakeslam.recording import tables
 from snakeslam.recording.datasets.common import nearest_pairs, shift_frames
 from snakeslam.recording.datasets.euroc import read_imu
+from snakeslam.recording.datasets.joints import read_joints
 from snakeslam.recording.recording import FrameFile, ImuTable, Recording
 from snakeslam.recording.settings import ReplaySettings
 from snakeslam.recording.trajectory import read_trajectory
@@ -25,7 +28,7 @@ def read_tum_rgbd(path: Path, settings: ReplaySettings) -> Recording:
     rig = find_rig(path, settings)
     if rig.cam0.depth_scale is None:
         raise InputError(f"{path}: calibration", "cam0.depth_scale is missing")
-    frames = read_frames(path, settings.association_ms)
+    frames = _with_exposures(read_frames(path, settings.association_ms), path / "exposure.csv")
     return Recording(
         name=path.resolve().name,
         kind="tum_rgbd",
@@ -33,6 +36,7 @@ def read_tum_rgbd(path: Path, settings: ReplaySettings) -> Recording:
         frames=shift_frames(frames, rig.cam0.timeshift_cam_imu),
         imu=_read_imu(path / "imu.csv", rig),
         truth=_read_truth(path / "groundtruth.txt", rig),
+        joints=read_joints(path),
     )
 
 
@@ -78,6 +82,16 @@ def _read_list(path: Path) -> list[tuple[int, Path]]:
             raise InputError(f"{path}: line {row.line}", f"{row.cells[0]!r} leads out of the folder")
         images.append((row.t_ns, path.parent / name))
     return images
+
+
+def _with_exposures(frames: tuple[FrameFile, ...], path: Path) -> tuple[FrameFile, ...]:
+    """Give each frame the exposure that the table has for its stamp."""
+    if not path.exists():
+        return frames
+    rows = tables.read_table(path, tables.stamp_from_ns, columns=(2,), separator=",")
+    values = tables.floats(path, rows, 1)[:, 0]
+    known = {row.t_ns: round(value) for row, value in zip(rows, values.tolist(), strict=True)}
+    return tuple(replace(frame, exposure_ns=known.get(frame.t_ns, 0)) for frame in frames)
 
 
 def _read_imu(path: Path, rig: SensorRig) -> ImuTable | None:

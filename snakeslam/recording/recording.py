@@ -46,7 +46,10 @@ class JointTable:
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """Sensors and, where known, the truth; stamps are the IMU's time, images are read when they are wanted."""
+    """Sensors and, where known, the truth; stamps are the IMU's time, images are read when they are wanted.
+
+    ``seed`` is that of the estimator when the recording was made.
+    """
 
     name: str
     kind: str
@@ -55,6 +58,7 @@ class Recording:
     imu: ImuTable | None
     truth: tuple[GroundTruth, ...]
     joints: JointTable | None = None
+    seed: int | None = None
 
     def check_images(self) -> None:
         """Raise InputError for the first image that is missing, truncated or of another size; reads no pixels."""

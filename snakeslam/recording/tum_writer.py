@@ -1,7 +1,7 @@
 """Writes a session's sensors as a TUM RGB-D folder [Sturm12] that ``replay`` and others' tools read.
 
 rgb/ and depth/ (16-bit, ``depth_scale`` units a metre) with rgb.txt, depth.txt, groundtruth.txt (of the colour camera);
-our additions are imu.csv, joints.csv, exposure.csv, calibration.yaml and robot.yaml. Stamps are exact, numbers are
+our additions are imu.csv, joints.csv, exposure.csv, calibration.yaml and session.yaml. Stamps are exact, numbers are
 written in full, so that a replay gives the estimator what the session gave it.
 """
 
@@ -11,12 +11,12 @@ from typing import Any
 
 import cv2
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
 from snakeslam.calibration import SensorRig, dump_rig
 from snakeslam.errors import InputError
 from snakeslam.messages import CameraFrame, Float, GroundTruth, ImuSample, JointState, Packet
+from snakeslam.recording.datasets.session import write_session
 from snakeslam.recording.trajectory import write_trajectory
 from snakeslam.robot.model import SnakeModel
 
@@ -29,8 +29,8 @@ LARGEST = np.iinfo(np.uint16).max
 class TumWriter:
     """Takes packets in order, images go to disk at once; ``finish`` writes the tables. The folder must not exist."""
 
-    def __init__(self, folder: Path, rig: SensorRig, model: SnakeModel | None) -> None:
-        self._folder, self._model = folder, model
+    def __init__(self, folder: Path, rig: SensorRig, model: SnakeModel | None, seed: int) -> None:
+        self._folder, self._model, self._seed = folder, model, seed
         self._scale = rig.cam0.depth_scale or DEPTH_SCALE
         self._rig = rig.model_copy(update={"cam0": rig.cam0.model_copy(update={"depth_scale": self._scale})})
         self._images: list[str] = []
@@ -60,8 +60,7 @@ class TumWriter:
             _write_lines(self._folder / "imu.csv", ",".join(IMU_TITLES), self._imu)
         if self._joints and self._model is not None:
             _write_lines(self._folder / "joints.csv", ",".join(joint_titles(self._model.joint_count)), self._joints)
-            robot = {"model": self._model.name, "head_posture": self._model.head_posture}
-            (self._folder / "robot.yaml").write_text(yaml.safe_dump(robot, sort_keys=False), encoding="ascii")
+        write_session(self._folder / "session.yaml", self._model, self._seed)
         dump_rig(self._rig, self._folder / "calibration.yaml")
         T_IC = self._rig.cam0.T_IC
         poses = [(sample.t_ns, sample.T_WI @ T_IC) for sample in truth]

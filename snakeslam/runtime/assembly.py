@@ -7,6 +7,7 @@ from snakeslam.backends.replay.backend import ReplayBackend
 from snakeslam.config import Config
 from snakeslam.control import Control
 from snakeslam.errors import InputError
+from snakeslam.estimation.settings import Mode
 from snakeslam.robot.model import snake_model
 from snakeslam.slam import Slam
 
@@ -22,6 +23,23 @@ def build_backend(config: Config, recording: Path | None = None) -> Backend:
             "the simulator", f"{error.name} is not installed", "Python 3.11 with the extra 'sim'"
         ) from error
     return SimBackend(snake_model(config.robot), config.sim, config.run.seed)
+
+
+def mode_for(backend: Backend) -> Mode:
+    """Return the estimator's mode that the sensors of a recording allow."""
+    return "visual" if backend.rig.imu0 is None else "vio"
+
+
+def fit_to_recording(config: Config, backend: Backend) -> Config:
+    """Return the settings, what was left out of them as the recording says: the estimator's mode and its seed."""
+    if not isinstance(backend, ReplayBackend):
+        return config
+    estimator, run, seed = config.estimator, config.run, backend.recording.seed
+    if "mode" not in estimator.model_fields_set:
+        estimator = estimator.model_copy(update={"mode": mode_for(backend)})
+    if "seed" not in run.model_fields_set and seed is not None:
+        run = run.model_copy(update={"seed": seed})
+    return config.model_copy(update={"estimator": estimator, "run": run})
 
 
 def build_control(config: Config, backend: Backend) -> Control | None:

@@ -19,7 +19,7 @@ from snakeslam.backends.base import Backend
 from snakeslam.config import Config
 from snakeslam.errors import SnakeslamError
 from snakeslam.messages import GaitCommand
-from snakeslam.runtime.assembly import build_backend, build_control, build_slam
+from snakeslam.runtime.assembly import build_backend, build_control, build_slam, mode_for
 from snakeslam.runtime.live import LiveSink
 from snakeslam.runtime.lockstep import Loop
 from snakeslam.runtime.outbox import Outbox
@@ -75,7 +75,7 @@ class Session:
         self._moving = False
         self._done = 0
         self._pacer = Pacer()
-        config = _with_estimator_mode(spec, has_imu=backend.rig.imu0 is not None)
+        config = _with_estimator_mode(spec, backend)
         # The visual estimator starts level with its camera, however that is held.
         self._sink = LiveSink(backend.model, put, gravity_known=config.estimator.mode != "visual")
         self._loop = Loop(backend, self._control, build_slam(config, backend), self._sink)
@@ -172,10 +172,10 @@ def configured_gait(config: Config) -> GaitCommand:
     )
 
 
-def _with_estimator_mode(spec: SessionSpec, *, has_imu: bool) -> Config:
+def _with_estimator_mode(spec: SessionSpec, backend: Backend) -> Config:
     mode = spec.estimator_mode
     if mode is None and spec.recording is not None:
-        mode = "vio" if has_imu else "visual"
+        mode = mode_for(backend)
     if mode is None:
         return spec.config
     return spec.config.model_copy(update={"estimator": spec.config.estimator.model_copy(update={"mode": mode})})

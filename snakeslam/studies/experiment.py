@@ -23,7 +23,7 @@ from snakeslam.messages import GaitCommand
 from snakeslam.recording.trajectory import write_trajectory
 from snakeslam.recording.tum_writer import TumWriter
 from snakeslam.robot.model import snake_model
-from snakeslam.runtime.assembly import build_backend, build_control, build_slam
+from snakeslam.runtime.assembly import build_backend, build_control, build_slam, fit_to_recording
 from snakeslam.runtime.lockstep import Loop
 from snakeslam.studies.metrics import HeadWindow, Metrics, evaluate, tracked_poses
 from snakeslam.studies.recorder import Recorder
@@ -58,6 +58,7 @@ def run_experiment(
         resolve(config.gait, snake_model(config.robot))
     place = out or default_out(recording.resolve().name if recording else f"{config.gait.name}-s{config.run.seed}")
     with new_directory(place) as part, closing(build_backend(config, recording)) as backend:
+        config = fit_to_recording(config, backend)
         recorder = Recorder(_sensor_writer(config, recording, part, backend))
         loop = Loop(backend, build_control(config, backend), build_slam(config, backend), recorder)
         wall_s = _turn(loop, config, _end_ns(config, backend, duration_s), progress or (lambda _: None))
@@ -71,7 +72,7 @@ def _sensor_writer(config: Config, recording: Path | None, part: Path, backend: 
         return None
     if recording is not None:
         raise InputError("recording.enabled", "a replay has its sensors already", "false")
-    return TumWriter(part / "sensors", backend.rig, backend.model)
+    return TumWriter(part / "sensors", backend.rig, backend.model, config.run.seed)
 
 
 def _end_ns(config: Config, backend: Backend, duration_s: float | None) -> int:

@@ -1,7 +1,7 @@
 """TUM RGB-D folders [Sturm12]: rgb.txt, depth.txt and, where known, groundtruth.txt of the colour camera.
 
 Our additions: ``calibration.yaml`` in Kalibr's form, ``imu.csv`` (t_ns, gyro xyz rad/s, accel xyz m/s^2),
-``exposure.csv`` (t_ns of a colour image, ns) and the joints (``datasets.joints``).
+``exposure.csv`` (t_ns of a colour image, ns) and the joints (``datasets.session``).
 """
 
 import re
@@ -15,7 +15,7 @@ from snakeslam.paths import configs_dir
 from snakeslam.recording import tables
 from snakeslam.recording.datasets.common import nearest_pairs, shift_frames
 from snakeslam.recording.datasets.euroc import read_imu
-from snakeslam.recording.datasets.joints import read_joints
+from snakeslam.recording.datasets.session import read_joints, read_session
 from snakeslam.recording.recording import FrameFile, ImuTable, Recording
 from snakeslam.recording.settings import ReplaySettings
 from snakeslam.recording.trajectory import read_trajectory
@@ -28,15 +28,17 @@ def read_tum_rgbd(path: Path, settings: ReplaySettings) -> Recording:
     rig = find_rig(path, settings)
     if rig.cam0.depth_scale is None:
         raise InputError(f"{path}: calibration", "cam0.depth_scale is missing")
+    session = read_session(path)
     frames = _with_exposures(read_frames(path, settings.association_ms), path / "exposure.csv")
     return Recording(
         name=path.resolve().name,
         kind="tum_rgbd",
         rig=rig.model_copy(update={"cam0": rig.cam0.model_copy(update={"timeshift_cam_imu": 0.0})}),
         frames=shift_frames(frames, rig.cam0.timeshift_cam_imu),
-        imu=_read_imu(path / "imu.csv", rig),
+        imu=_read_imu(path / "imu.csv", rig, frames),
         truth=_read_truth(path / "groundtruth.txt", rig),
-        joints=read_joints(path),
+        joints=read_joints(path, session),
+        seed=None if session.run is None else session.run.seed,
     )
 
 
@@ -94,12 +96,15 @@ def _with_exposures(frames: tuple[FrameFile, ...], path: Path) -> tuple[FrameFil
     return tuple(replace(frame, exposure_ns=known.get(frame.t_ns, 0)) for frame in frames)
 
 
-def _read_imu(path: Path, rig: SensorRig) -> ImuTable | None:
+def _read_imu(path: Path, rig: SensorRig, frames: tuple[FrameFile, ...]) -> ImuTable | None:
     if not path.exists():
         return None
     if rig.imu0 is None:
         raise InputError(str(path), "the calibration has no imu0 for it", "calibration.yaml with cam0 and imu0")
-    return read_imu(path)
+    imu = read_imu(path)
+    if imu.t_ns[0] > frames[-1].t_ns or imu.t_ns[-1] < frames[0].t_ns:
+        raise InputError(str(path), "no sample lies within the frames' time", "stamps of one clock")
+    return imu
 
 
 def _read_truth(path: Path, rig: SensorRig) -> tuple[GroundTruth, ...]:

@@ -20,6 +20,7 @@ from snakeslam.errors import InputError
 from snakeslam.gaits.catalogue import resolve
 from snakeslam.mapping.export import write_ply
 from snakeslam.messages import GaitCommand
+from snakeslam.recording.datasets import SENSORS
 from snakeslam.recording.trajectory import write_trajectory
 from snakeslam.recording.tum_writer import TumWriter
 from snakeslam.robot.model import snake_model
@@ -72,7 +73,7 @@ def _sensor_writer(config: Config, recording: Path | None, part: Path, backend: 
         return None
     if recording is not None:
         raise InputError("recording.enabled", "a replay has its sensors already", "false")
-    return TumWriter(part / "sensors", backend.rig, backend.model, config.run.seed)
+    return TumWriter(part / SENSORS, backend.rig, backend.model, config.run.seed)
 
 
 def _end_ns(config: Config, backend: Backend, duration_s: float | None) -> int:

@@ -12,13 +12,17 @@ import yaml
 from snakeslam.backends.replay.backend import ReplayBackend
 from snakeslam.calibration import CameraCalibration, ImuCalibration, SensorRig
 from snakeslam.cli import main
+from snakeslam.config import load_config
 from snakeslam.errors import InputError
 from snakeslam.geometry import se3, so3
 from snakeslam.messages import CameraFrame, GroundTruth, ImuSample, JointState, Packet
+from snakeslam.recording.datasets import find_recordings
 from snakeslam.recording.settings import ReplaySettings
 from snakeslam.recording.trajectory import read_trajectory
 from snakeslam.recording.tum_writer import TumWriter, depth_units
 from snakeslam.robot.model import PRESETS
+from snakeslam.runtime.session import Session, SessionSpec
+from snakeslam.runtime.topics import Report, Start, Started, Tick
 
 MODEL = PRESETS["orthogonal24"]
 T_CI = se3.inv(se3.from_rt(so3.exp(np.array([0.3, -1.2, 0.7])), np.array([0.1, 0.2, -0.3])))
@@ -115,6 +119,29 @@ def test_the_truth_is_written_for_the_camera_and_read_for_the_imu(tmp_path: Path
     np.testing.assert_allclose(Ts_WC[1], pose(1) @ RIG.cam0.T_IC, atol=1e-8)
     truth = ReplayBackend(folder, ReplaySettings()).recording.truth
     np.testing.assert_allclose(truth[2].T_WI, pose(2), atol=1e-8)
+
+
+def test_a_runs_sensors_are_listed_by_the_runs_name(tmp_path: Path) -> None:
+    write(tmp_path / "runs" / "first" / "sensors", packets())
+    write(tmp_path / "runs" / "second", packets())
+    assert [(one.name, one.frames) for one in find_recordings(tmp_path / "runs")] == [("first", 3), ("second", 3)]
+
+
+def test_the_live_view_plays_it_with_its_robot_which_nothing_moves(tmp_path: Path) -> None:
+    reports: list[Report] = []
+    folder = write(tmp_path / "sensors", packets())
+    session = Session(SessionSpec(load_config(), recording=folder, autostart=True), reports.append)
+    started = reports[0]
+    assert isinstance(started, Started)
+    assert started.robot is not None
+    assert (started.robot.model, started.gait, started.estimator_mode) == ("orthogonal24", None, "vio")
+    session.take(Start())
+    while session.step() is not None:
+        pass
+    tick = next(report for report in reversed(reports) if isinstance(report, Tick))
+    assert not tick.moving
+    assert tick.q_target_rad is None
+    assert tick.q_measured_rad is not None
 
 
 def test_other_tools_find_the_benchmarks_form(tmp_path: Path) -> None:

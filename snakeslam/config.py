@@ -110,8 +110,8 @@ def _build(tree: dict[str, Any], overrides: Sequence[str | Override], path: Path
 
 def check_built(config: Config, where: Callable[[str], str] = str) -> None:
     """Raise NotBuiltError for a mode that this version does not have."""
-    if config.estimator.mode not in ("visual", "vio"):
-        raise NotBuiltError(where("estimator.mode"), config.estimator.mode, "visual, vio")
+    if config.estimator.mode == "fused":
+        raise NotBuiltError(where("estimator.mode"), config.estimator.mode, "visual, vio, planar, gait")
     if config.head.controller != "none":
         raise NotBuiltError(where("head.controller"), config.head.controller, "none")
 

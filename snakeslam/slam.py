@@ -3,6 +3,7 @@
 from snakeslam.calibration import SensorRig
 from snakeslam.errors import NotBuiltError
 from snakeslam.estimation.base import Estimator, FrameEstimate
+from snakeslam.estimation.planar_odometry import GaitOdometry, PlanarOdometry
 from snakeslam.estimation.settings import EstimatorSettings
 from snakeslam.estimation.vio import VisualInertialOdometry
 from snakeslam.estimation.visual import VisualOdometry
@@ -20,7 +21,11 @@ def build_estimator(
         return VisualOdometry(settings, rig, seed)
     if settings.mode == "vio":
         return VisualInertialOdometry(settings, rig, seed)
-    raise NotBuiltError("estimator.mode", settings.mode, "visual, vio")
+    if settings.mode == "planar":
+        return PlanarOdometry(settings, rig, seed, model)
+    if settings.mode == "gait":
+        return GaitOdometry(settings, model)
+    raise NotBuiltError("estimator.mode", settings.mode, "visual, vio, planar, gait")
 
 
 class Slam:

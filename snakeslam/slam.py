@@ -22,7 +22,7 @@ def build_estimator(
     if settings.mode == "vio":
         return VisualInertialOdometry(settings, rig, seed)
     if settings.mode == "planar":
-        return PlanarOdometry(settings, rig, seed, model)
+        return PlanarOdometry(settings, VisualInertialOdometry(settings, rig, seed), model)
     if settings.mode == "gait":
         return GaitOdometry(settings, model)
     raise NotBuiltError("estimator.mode", settings.mode, "visual, vio, planar, gait")

@@ -50,7 +50,7 @@ CONTRACT = {
     "gait.amplitude_deg": [8.6],
     "head.controller": ["none"],
     "head.neck_joints": [4, 6],
-    "estimator.mode": ["visual", "vio"],
+    "estimator.mode": ["visual", "vio", "planar", "gait"],
     "sim.world": ["corridor", "office", "rubble", "blank"],
     "sim.friction_ratio": [3, 10],
     "sim.camera.rate_hz": [10, 20],
@@ -67,8 +67,7 @@ def test_the_settings_of_the_contract_can_be_set(key: str, value: object) -> Non
 @pytest.mark.parametrize(
     ("override", "built"),
     [
-        ("estimator.mode=planar", "visual, vio"),
-        ("estimator.mode=fused", "visual, vio"),
+        ("estimator.mode=fused", "visual, vio, planar, gait"),
         ("head.controller=direction", "none"),
         ("head.controller=predictive", "none"),
     ],

@@ -13,7 +13,8 @@ from snakeslam.messages import Float
 SLIP_M_S = 0.02
 """Speed below which friction grows linearly."""
 BALANCE_ROUNDS = 12
-SMALL_TWIST = 1e-4
+SMALL_TWIST = 1e-3
+"""Far less than what the model is wrong by, in m/s and rad/s."""
 FAN_POINTS = 33
 FAN_ROUNDS = 40
 
@@ -78,7 +79,7 @@ class Rods:
             before = u
             normal = (flat * np.tile(weight, 3)[:, None]).T @ flat
             u = -np.linalg.solve(normal[:3, :3], normal[:3, 3])
-            if np.max(np.abs(u - before)) < SMALL_TWIST:
+            if np.linalg.norm(u - before) < SMALL_TWIST:
                 break
             r = (flat @ np.append(u, 1.0)).reshape(3, -1)
             weight = load / np.sqrt(r[0] ** 2 + (r[1] / across) ** 2 + SLIP_M_S**2)

@@ -7,14 +7,12 @@ in the published covariance, P_head + drift, and never shrinks by being observed
 
 import numpy as np
 
-from snakeslam.calibration import SensorRig
 from snakeslam.errors import InputError
-from snakeslam.estimation.base import FrameEstimate
+from snakeslam.estimation.base import Estimator, FrameEstimate
 from snakeslam.estimation.gait_motion import rotation
 from snakeslam.estimation.gait_prediction import GaitPrediction
 from snakeslam.estimation.planar import PlanarState, wrapped
 from snakeslam.estimation.settings import EstimatorSettings
-from snakeslam.estimation.vio import VisualInertialOdometry
 from snakeslam.geometry import se3, so3
 from snakeslam.messages import CameraFrame, Float, Health, JointState, Packet, PoseEstimate, Verdict
 from snakeslam.robot.model import SnakeModel
@@ -27,12 +25,12 @@ START_SIGMA = np.array([1e-4, 1e-4, 1e-4, 0.1, 0.3])
 class PlanarOdometry:
     """Packets in, one estimate a frame out: x, y and yaw are the filter's; z, roll and pitch those of ``vio``."""
 
-    def __init__(self, settings: EstimatorSettings, rig: SensorRig, seed: int, model: SnakeModel | None) -> None:
+    def __init__(self, settings: EstimatorSettings, vio: Estimator, model: SnakeModel | None) -> None:
         if model is None:
             raise InputError("estimator.mode", "'planar' needs a robot's joints, and here are none", "visual, vio")
         self._settings = settings.planar
         self._iterations = settings.max_iterations
-        self._vio = VisualInertialOdometry(settings, rig, seed)
+        self._vio = vio
         self._prediction = GaitPrediction(model, settings.planar)
         self._state: PlanarState | None = None
         self._anchor = Anchor(np.zeros(3), np.zeros((3, 3)))

@@ -21,7 +21,7 @@ class PlanarSettings(Settings):
     """Error of the motion model's speed."""
     slip_rad_s: Positive = 0.05
     """Error of its turn."""
-    slip_time_s: Positive = 1.0
+    slip_time_s: Positive = 3.0
     """Time over which these errors last."""
     across_m_sqrt_s: Positive = 0.01
     """Error across the way, which adds up like a random walk."""

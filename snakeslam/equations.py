@@ -264,8 +264,8 @@ EQUATIONS: dict[int, Equation] = {
             "                        + sin(A/2 cos(omega t)) sin(omega t) ]",
             "snakeslam.estimation.gait_models.lifting_speed",
             GAIT_MODELS,
-            note="Follows from (34), but a planar arc lies flat and lifts nothing. Better: the links' normals fan over\n"
-            "+-N A/4, V = argmin int |V - omega r n(s)| ds (gait_models.fan_rolling_speed).",
+            note="Follows from (34), but a planar arc lies flat and lifts nothing. Better: the links' normals n fan\n"
+            "over +-N A/4, V = argmin int |V - omega r n(s)| ds (gait_models.fan_rolling_speed).",
         ),
         Equation(
             37,

@@ -74,11 +74,12 @@ class Rods:
             ]
         )
         flat = np.moveaxis(rows, 1, 2).reshape(-1, 4)
-        u, weight = np.zeros(3), load
+        u: Float = np.zeros(3)
+        weight = load
         for _ in range(BALANCE_ROUNDS):
             before = u
             normal = (flat * np.tile(weight, 3)[:, None]).T @ flat
-            u = -np.linalg.solve(normal[:3, :3], normal[:3, 3])
+            u = np.asarray(-np.linalg.solve(normal[:3, :3], normal[:3, 3]), dtype=np.float64)
             if np.linalg.norm(u - before) < SMALL_TWIST:
                 break
             r = (flat @ np.append(u, 1.0)).reshape(3, -1)

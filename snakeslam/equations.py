@@ -289,7 +289,8 @@ EQUATIONS: dict[int, Equation] = {
             "z_k = h(x_k) + v_k",
             "snakeslam.estimation.planar.observe",
             PLANAR,
-            note="z is the head's (x, y, yaw) as vision and IMU have it, h = (p + R(theta) r_V, theta + yaw of the head).",
+            note="z is the head's (x, y, yaw) of vision and IMU, h = (p + R(theta) r_V, theta + psi), r_V and psi\n"
+            "from the joints.",
         ),
         Equation(
             40,

@@ -106,7 +106,7 @@ class PlanarOdometry:
 
     def _dead_reckoned(self, t_ns: int, estimate: FrameEstimate) -> FrameEstimate:
         """Return where the gait's model has brought the head while ``vio`` has no pose."""
-        if self._state is None or self._last is None:
+        if self._state is None or self._last is None or t_ns <= self._last.t_ns:
             return estimate
         last = self._last
         head, cov = self._state.head(self._prediction.shape(t_ns, last.T_WI[:3, :3]))

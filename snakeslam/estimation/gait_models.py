@@ -60,20 +60,7 @@ class Rods:
         Minimises sum w (v_t^2 + c v_n^2 + c l^2/3 rate^2) over the rods, c the ratio of friction across to along, with
         w = load / sqrt(|v|^2 + slip^2) taken anew each round: Coulomb friction. ``load`` (N,) >= 0.
         """
-        c, s = np.cos(theta), np.sin(theta)
-        turn = self.velocities(theta, np.ones_like(theta), np.zeros(2))
-        own = self.velocities(theta, dtheta, np.zeros(2))
-        across, spin = np.sqrt(friction_ratio), np.sqrt(friction_ratio / 3.0) * self.half_length_m
-        zero, one = np.zeros_like(c), np.ones_like(c)
-        # Rows (v_t, sqrt(c) v_n, sqrt(c/3) l rate) of every rod, columns dp_x, dp_y, omega and what is there without.
-        rows = np.array(
-            [
-                [c, s, c * turn[0] + s * turn[1], c * own[0] + s * own[1]],
-                [-across * s, across * c, across * (c * turn[1] - s * turn[0]), across * (c * own[1] - s * own[0])],
-                [zero, zero, spin * one, spin * dtheta],
-            ]
-        )
-        flat = np.moveaxis(rows, 1, 2).reshape(-1, 4)
+        flat = self._friction_rows(theta, dtheta, friction_ratio)
         u: Float = np.zeros(3)
         weight = load
         for _ in range(BALANCE_ROUNDS):
@@ -82,9 +69,26 @@ class Rods:
             u = np.asarray(-np.linalg.solve(normal[:3, :3], normal[:3, 3]), dtype=np.float64)
             if np.linalg.norm(u - before) < SMALL_TWIST:
                 break
-            r = (flat @ np.append(u, 1.0)).reshape(3, -1)
-            weight = load / np.sqrt(r[0] ** 2 + (r[1] / across) ** 2 + SLIP_M_S**2)
+            v_t, v_n, _ = (flat @ np.append(u, 1.0)).reshape(3, -1)
+            weight = load / np.sqrt(v_t**2 + v_n**2 / friction_ratio + SLIP_M_S**2)
         return Twist(u[:2], float(u[2]))
+
+    def _friction_rows(self, theta: Float, dtheta: Float, friction_ratio: float) -> Float:
+        """Return rows (3 N, 4): v_t of all rods, then sqrt(c) v_n, then sqrt(c/3) l rate.
+
+        Columns are the shares of dp_x, dp_y and omega, and what is there without them.
+        """
+        c, s = np.cos(theta), np.sin(theta)
+        zero, one = np.zeros_like(c), np.ones_like(c)
+        turn = self.velocities(theta, one, np.zeros(2))
+        own = self.velocities(theta, dtheta, np.zeros(2))
+        across, spin = np.sqrt(friction_ratio), np.sqrt(friction_ratio / 3.0) * self.half_length_m
+        rows = [
+            [c, s, c * turn[0] + s * turn[1], c * own[0] + s * own[1]],
+            [-across * s, across * c, across * (c * turn[1] - s * turn[0]), across * (c * own[1] - s * own[0])],
+            [zero, zero, spin * one, spin * dtheta],
+        ]
+        return np.moveaxis(np.array(rows), 1, 2).reshape(-1, 4)
 
 
 def centre_of_mass(X: Float, Y: Float) -> Float:

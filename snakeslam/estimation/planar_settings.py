@@ -17,9 +17,9 @@ class PlanarSettings(Settings):
     """Friction across the body over friction along it, as the serpentine model assumes it."""
     rolling: RollingModel = "fan"
     """Speed of arc rolling: paper is Eq. (35)-(36), fan the corrected form."""
-    slip_m_s: Positive = 0.03
+    slip_m_s: Positive = 0.02
     """Error of the motion model's speed."""
-    slip_rad_s: Positive = 0.05
+    slip_rad_s: Positive = 0.02
     """Error of its turn."""
     slip_time_s: Positive = 3.0
     """Time over which these errors last."""

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+from evo.tools import file_interface
 
 from snakeslam.backends.replay.backend import ReplayBackend
 from snakeslam.calibration import CameraCalibration, ImuCalibration, SensorRig
@@ -23,6 +24,7 @@ from snakeslam.recording.tum_writer import TumWriter, depth_units
 from snakeslam.robot.model import PRESETS
 from snakeslam.runtime.session import Session, SessionSpec
 from snakeslam.runtime.topics import Report, Start, Started, Tick
+from tests.small_recordings import write_tum
 
 MODEL = PRESETS["orthogonal24"]
 T_CI = se3.inv(se3.from_rt(so3.exp(np.array([0.3, -1.2, 0.7])), np.array([0.1, 0.2, -0.3])))
@@ -154,6 +156,7 @@ def test_other_tools_find_the_benchmarks_form(tmp_path: Path) -> None:
         assert float(rows[0][0]) == pytest.approx(START_NS / 1e9, abs=1e-6)
         if columns == 2:
             assert (folder / rows[0][1]).is_file()
+    assert file_interface.read_tum_trajectory_file(folder / "groundtruth.txt").num_poses == 3
     with (folder / "imu.csv").open(newline="") as file:
         titles, first, *_ = csv.reader(file)
     assert (titles[0], len(titles), len(first)) == ("t_ns", 7, 7)
@@ -274,6 +277,19 @@ def test_a_replay_of_a_runs_own_sensors_gives_the_same_bytes(
     assert (facts["seed"], facts["config"]["estimator"]["mode"]) == (5, "vio")
     assert facts["metrics"]["frames"] == 30
     assert facts["metrics"]["head"]["sway_pp_m"] is None, "what the head should do is not known of a recording"
+
+
+@pytest.mark.parametrize(("imu", "mode"), [(True, "vio"), (False, "visual")])
+def test_the_mode_is_what_the_sensors_allow_unless_it_is_given(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, imu: bool, mode: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    clip = str(write_tum(tmp_path / "clip", imu=imu))
+    assert main(["replay", clip, "--out", "left"]) == 0
+    assert main(["replay", clip, "--set", "estimator.mode=visual", "--seed", "4", "--out", "given"]) == 0
+    facts = [json.loads(Path(name, "run.json").read_text()) for name in ("left", "given")]
+    assert [one["config"]["estimator"]["mode"] for one in facts] == [mode, "visual"]
+    assert [one["seed"] for one in facts] == [1, 4]
 
 
 def test_a_replay_is_not_recorded_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -27,7 +27,7 @@ class PlanarSettings(Settings):
     """Error across the way, which adds up like a random walk."""
     unmodelled_scale: Annotated[float, Field(ge=1)] = 10.0
     """Factor on them in a gait for which the paper has no model."""
-    pose_m: Positive = 0.002
+    pose_m: Positive = 0.001
     """Noise of the observed position from frame to frame; what drifts in it is not noise."""
-    pose_deg: Positive = 0.1
+    pose_deg: Positive = 0.05
     """Noise of the observed yaw from frame to frame."""

@@ -280,7 +280,8 @@ def test_it_is_better_than_the_gait_alone_and_smoother_than_the_pose(
     crawled: tuple[list[Packet], dict[int, Float]],
 ) -> None:
     packets, truth = crawled
-    planar = list(follow(PlanarOdometry(SETTINGS, FakeVio(truth, noise_m=0.002), MODEL), packets))
+    settings = SETTINGS.model_copy(update={"planar": SETTINGS.planar.model_copy(update={"pose_m": 0.002})})
+    planar = list(follow(PlanarOdometry(settings, FakeVio(truth, noise_m=0.002), MODEL), packets))
     alone = list(follow(GaitOdometry(SETTINGS, MODEL), packets))
     fake = FakeVio(truth, noise_m=0.002)
     vio = [e for e in (fake.process(p) for p in packets) if e is not None]

@@ -21,10 +21,14 @@ FAN_ROUNDS = 40
 
 @dataclass(frozen=True, slots=True)
 class Twist:
-    """Motion in the plane: velocity of the centre of mass ``v`` (2,) m/s, rate of the mean heading ``omega`` rad/s."""
+    """Motion in the plane: velocity of the centre of mass ``v`` (2,) m/s, rate of the mean heading ``omega`` rad/s.
+
+    ``effort`` m/s is how fast the joints move the links (rms), by which the model's error is measured.
+    """
 
     v: Float
     omega: float
+    effort: float
 
 
 class Rods:
@@ -71,7 +75,8 @@ class Rods:
                 break
             v_t, v_n, _ = (flat @ np.append(u, 1.0)).reshape(3, -1)
             weight = load / np.sqrt(v_t**2 + v_n**2 / friction_ratio + SLIP_M_S**2)
-        return Twist(u[:2], float(u[2]))
+        own = self.velocities(theta, dtheta, np.zeros(2))
+        return Twist(u[:2], float(u[2]), float(np.sqrt(np.mean(own[0] ** 2 + own[1] ** 2))))
 
     def _friction_rows(self, theta: Float, dtheta: Float, friction_ratio: float) -> Float:
         """Return rows (3 N, 4): v_t of all rods, then sqrt(c) v_n, then sqrt(c/3) l rate.

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from snakeslam.estimation.gait_models import Rods, Twist, fan_rolling_speed, paper_rolling_speed
+from snakeslam.estimation.gait_models import Rods, Twist, fan_rolling_speed, paper_rolling_speed, wheel_speed
 from snakeslam.geometry import se3, so3
 from snakeslam.messages import Float
 from snakeslam.robot.kinematics import link_poses_from_imu
@@ -109,7 +109,7 @@ class GaitMotion:
             speed = paper_rolling_speed(omega, model.radius_m, model.joint_length_m, amplitude, phase)
         else:
             speed = fan_rolling_speed(omega, model.radius_m, model.joint_count, amplitude)
-        return Twist(np.array([0.0, -speed]), 0.0)
+        return Twist(np.array([0.0, -speed]), 0.0, abs(wheel_speed(omega, model.radius_m)))
 
 
 def rotation(angle_rad: float) -> Float:

@@ -76,10 +76,13 @@ class GaitPrediction:
 
     def _motion(self, twist_V: Twist | None, dt_s: float) -> Motion:
         settings, before = self._settings, self._before
-        scale = 1.0 if twist_V is not None else settings.unmodelled_scale
+        sigma = settings.unmodelled_m_s
+        if twist_V is not None:
+            sigma = float(np.hypot(settings.still_m_s, settings.slip_share * twist_V.effort))
+        # Across, errors swing with the gait: about as much as they are in a second.
+        errors = sigma, sigma / settings.turn_arm_m, sigma
         if twist_V is None and self._raw:
-            twist_V = Twist(np.zeros(2), 0.0)
-        errors = scale * settings.slip_m_s, scale * settings.slip_rad_s, scale * settings.across_m_sqrt_s
+            twist_V = Twist(np.zeros(2), 0.0, 0.0)
         if twist_V is None:
             self._before = None
             return Motion(0.0, 0.0, 0.0, 0.0, self._direction_rad, 1.0, *errors)

@@ -17,16 +17,16 @@ class PlanarSettings(Settings):
     """Friction across the body over friction along it, as the serpentine model assumes it."""
     rolling: RollingModel = "fan"
     """Speed of arc rolling: paper is Eq. (35)-(36), fan the corrected form."""
-    slip_m_s: Positive = 0.02
-    """Error of the motion model's speed."""
-    slip_rad_s: Positive = 0.02
-    """Error of its turn."""
+    slip_share: Positive = 0.2
+    """Error of the motion model's speed, as a part of the speed at which the joints move the links."""
+    still_m_s: Positive = 0.002
+    """The least error of that speed, also of a robot that stands."""
     slip_time_s: Positive = 3.0
     """Time over which these errors last."""
-    across_m_sqrt_s: Positive = 0.01
-    """Error across the way, which adds up like a random walk."""
-    unmodelled_scale: Annotated[float, Field(ge=1)] = 10.0
-    """Factor on them in a gait for which the paper has no model."""
+    turn_arm_m: Positive = 0.5
+    """The error of the turn is that of the speed over this arm."""
+    unmodelled_m_s: Positive = 0.3
+    """Error of the speed in a gait for which the paper has no model."""
     pose_m: Positive = 0.001
     """Noise of the observed position from frame to frame; what drifts in it is not noise."""
     pose_deg: Positive = 0.05

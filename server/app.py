@@ -18,7 +18,7 @@ from server.deps import House, Rooms
 from server.live import Live
 from server.metrics import Metrics
 from server.recordings import Library
-from server.routes import estop, gait, map, recordings, runs, session, state  # noqa: A004
+from server.routes import estop, gait, head, map, recordings, runs, session, state  # noqa: A004
 from server.runs import Runs
 from server.telemetry import Telemetry
 from server.viewer import Viewer
@@ -75,7 +75,7 @@ def create_app(settings: ServerSettings, announce: Callable[[str], None]) -> Fas
     )
     problem.install(app)
     app.add_middleware(Guard, auth=auth, hosts=HostRule(settings.host))
-    for module in (state, gait, estop, recordings, map, runs, session):
+    for module in (state, gait, head, estop, recordings, map, runs, session):
         app.include_router(module.router, prefix=PREFIX)
     app.include_router(proxy.router)
     app.include_router(_own_pages(app, auth))

@@ -14,6 +14,7 @@ import structlog
 
 from server.problem import Problem
 from snakeslam.config import Config
+from snakeslam.head.settings import HeadSettings
 from snakeslam.messages import Float, GaitCommand, MapChunk
 from snakeslam.runtime.session import SessionSpec, configured_gait, start_session
 from snakeslam.runtime.topics import (
@@ -150,9 +151,11 @@ class Live:
 
     async def _send(self, child: "_Child", command: Command) -> None:
         try:
-            await child.obeyed(await asyncio.to_thread(child.send, command))
+            refusal = await child.obeyed(await asyncio.to_thread(child.send, command))
         except (OSError, TimeoutError) as error:
             raise Problem(HTTPStatus.SERVICE_UNAVAILABLE, "the session did not answer") from error
+        if refusal is not None:
+            raise Problem(HTTPStatus.CONFLICT, refusal)
 
     async def estop(self, reason: str) -> None:
         """Latch the E-stop: here, for every session to come, and in the one that runs."""
@@ -203,6 +206,13 @@ class Live:
         tick = self.view.tick
         return tick.gait if tick is not None and tick.gait is not None else configured_gait(self.view.config)
 
+    def head(self) -> HeadSettings | None:
+        """The head settings that the session has now; None where there is no robot."""
+        if self.view.kind == "recording":
+            return None
+        tick = self.view.tick
+        return tick.head_settings if tick is not None and tick.head_settings is not None else self.view.config.head
+
     def _report(self, child: "_Child", report: Report) -> None:
         if child is not self._child:
             return  # The last words of a session that was replaced.
@@ -229,6 +239,7 @@ class _Child:
         self._reader: threading.Thread | None = None
         self._sent = 0
         self._done = 0
+        self._refusals: dict[int, str] = {}
         self._progress = asyncio.Event()
 
     def start(self, start: Callable[[SessionSpec], Any], spec: SessionSpec) -> None:
@@ -251,12 +262,13 @@ class _Child:
             self._sent += 1
             return self._sent
 
-    async def obeyed(self, number: int) -> None:
-        """Wait until the session says so; TimeoutError when it does not in time."""
+    async def obeyed(self, number: int) -> str | None:
+        """Wait for the session's answer and return why it refused, None when it obeyed; TimeoutError without answer."""
         async with asyncio.timeout(CONFIRM_S):
             while self._done < number:
                 self._progress.clear()
                 await self._progress.wait()
+        return self._refusals.get(number)
 
     def stop(self) -> None:
         """Ask the process to end, then insist."""
@@ -304,5 +316,6 @@ class _Child:
     def _take(self, report: Report) -> None:
         if isinstance(report, Tick):
             self._done = report.commands_done
+            self._refusals = {refusal.number: refusal.reason for refusal in report.refusals}
             self._progress.set()
         self._report(self, report)

@@ -6,9 +6,10 @@ from dataclasses import asdict
 from typing import Any
 
 from server.live import Live, View
+from snakeslam.head.settings import HeadSettings
 from snakeslam.messages import Float, GaitCommand, Health, Verdict
 from snakeslam.robot.model import snake_model
-from snakeslam.runtime.topics import Event, Picture, Tick
+from snakeslam.runtime.topics import Event, HeadMotion, Picture, Tick
 
 FRAME = b"\x01"
 Json = dict[str, Any]
@@ -27,6 +28,16 @@ def gait_json(gait: GaitCommand) -> Json:
     }
 
 
+def head_control_json(head: HeadSettings | None) -> Json | None:
+    """The head settings in force; None without a robot."""
+    return None if head is None else {"controller": head.controller, "neck_joints": head.neck_joints}
+
+
+def head_json(head: HeadMotion) -> Json:
+    """How still the head is."""
+    return {key: _round(value, 4) for key, value in asdict(head).items()}
+
+
 def state_json(live: Live) -> Json:
     """GET /state."""
     view, started, tick = live.view, live.view.started, live.view.tick
@@ -36,6 +47,9 @@ def state_json(live: Live) -> Json:
         "moving": live.moving,
         "estop": {"latched": live.estop_reason is not None, "reason": live.estop_reason},
         "gait": gait_json(live.gait()),
+        "notice": None if tick is None else tick.notice,
+        "head_control": head_control_json(live.head()),
+        "head": head_json(HeadMotion() if tick is None else tick.head),
         "robot": _robot_json(view),
         "estimator": {"mode": view.config.estimator.mode if started is None else started.estimator_mode},
         "health": _health_json(Health(Verdict.INITIALISING) if tick is None else tick.health),
@@ -63,7 +77,9 @@ def tick_json(view: View, tick: Tick) -> Json:
         "q_measured": _angles(tick.q_measured_rad),
         "moving": tick.moving,
         "estop": {"latched": tick.estop_reason is not None, "reason": tick.estop_reason},
-        "head": {key: _round(value, 4) for key, value in asdict(tick.head).items()},
+        "notice": tick.notice,
+        "head_control": head_control_json(tick.head_settings),
+        "head": head_json(tick.head),
         "health": _health_json(tick.health),
         "error_m": _round(tick.error_m, 5),
         "distance_m": _round(tick.distance_m, 4),

@@ -17,7 +17,7 @@ MAX_EVENTS = 100
 MAX_CLIENTS = 32
 STALLED_S = 15.0
 # What changes at every tick is no news of its own.
-NOT_NEWS = ("t_s", "realtime_factor", "health")
+NOT_NEWS = ("t_s", "realtime_factor", "health", "head")
 
 
 class Client:

@@ -112,8 +112,6 @@ def check_built(config: Config, where: Callable[[str], str] = str) -> None:
     """Raise NotBuiltError for a mode that this version does not have."""
     if config.estimator.mode == "fused":
         raise NotBuiltError(where("estimator.mode"), config.estimator.mode, "visual, vio, planar, gait")
-    if config.head.controller != "none":
-        raise NotBuiltError(where("head.controller"), config.head.controller, "none")
 
 
 class _UniqueKeyLoader(yaml.SafeLoader):

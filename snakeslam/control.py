@@ -1,12 +1,17 @@
 """From the operator's command to joint targets: gait, head, limits; pure, with no clock of its own."""
 
-from pydantic import ValidationError
+import math
 
 from snakeslam.errors import InputError
 from snakeslam.gaits.blend import GaitBlend
 from snakeslam.gaits.catalogue import GaitSettings, resolve
-from snakeslam.head.settings import HeadSettings, require_built
-from snakeslam.messages import GaitCommand, ImuSample, JointState, JointTarget, PoseEstimate
+from snakeslam.gaits.command import commanded_gait
+from snakeslam.head.command import commanded_head
+from snakeslam.head.controller import HeadControl, HeadSense
+from snakeslam.head.laws import check
+from snakeslam.head.line import TURN_RATE_RAD_S
+from snakeslam.head.settings import HeadSettings
+from snakeslam.messages import Float, GaitCommand, HeadCommand, ImuSample, JointState, JointTarget, PoseEstimate
 from snakeslam.robot.limits import LimitedFollower
 from snakeslam.robot.model import SnakeModel
 
@@ -16,28 +21,53 @@ LONGEST_STEP_S = 0.05
 
 
 class Control:
-    """Plays the commanded gait; at rest (drive 0) until the first command.
+    """Plays the commanded gait, its head held as commanded; at rest (drive 0) until the first command.
 
-    Raises InputError for a gait that the joints cannot do, NotBuiltError for a head controller still to come.
+    Raises InputError for a gait that the joints cannot do, or a neck that cannot hold the head in it.
     """
 
     def __init__(self, model: SnakeModel, gait: GaitSettings, head: HeadSettings) -> None:
-        require_built(head)
         self._model = model
         self._configured = gait
         self._gait = resolve(gait, model)
-        self._drive = 0.0
+        check(head, model, self._gait)
+        self._asked, self._drive, self._turn = gait, 0.0, 0.0
         self._t_ns: int | None = None
-        self._blend = GaitBlend(model, self._gait, model.rest_q_rad)
+        self._head = HeadControl(model, head, HeadSense())
+        self._blend = GaitBlend(model, self._gait, model.rest_q_rad, self._head.shape)
         self._follower = LimitedFollower(model.limits, model.rest_q_rad)
+
+    @property
+    def head(self) -> HeadSettings:
+        """The head control in force."""
+        return self._head.settings
 
     def command(self, command: GaitCommand) -> None:
         """Take the operator's wish; InputError, and no change, where it cannot be done."""
         for key, value in (("drive", command.drive), ("turn", command.turn)):
             if not abs(value) <= 1.0:
                 raise InputError(f"gait.{key}", f"cannot be {value}", "-1 to 1")
-        gait = resolve(self._settings(command), self._model, command.turn)
-        self._drive = command.drive
+        settings = commanded_gait(command, self._configured)
+        check(self.head, self._model, resolve(settings, self._model, command.turn))
+        self._asked, self._drive, self._turn = settings, command.drive, command.turn
+        self._play()
+
+    def command_head(self, command: HeadCommand) -> None:
+        """Take the operator's wish for the head; InputError, and no change, where it cannot be done."""
+        settings = commanded_head(command, self.head, self._model, self._gait)
+        if settings != self.head:
+            self._hand_back()
+            self._head = HeadControl(self._model, settings, self._head.sense)
+            self._blend.set_shape(self._head.shape)
+            self._play()
+        if command.turn_by_deg is not None:
+            self._head.sense.line.turn_by(math.radians(command.turn_by_deg))
+
+    def _play(self) -> None:
+        """Play the gait asked for; a head that is held on a line turns the robot by the line, not by the gait."""
+        gait = resolve(self._asked, self._model)
+        if not self._head.steers(gait):
+            gait = resolve(self._asked, self._model, self._turn)
         if gait != self._gait:
             self._gait = gait
             self._blend.set_gait(gait)
@@ -47,36 +77,35 @@ class Control:
     ) -> JointTarget:
         """Return the targets at ``t_ns``; the first step takes up the angles that the joints are in.
 
-        The pose and the IMU are for head control.
+        The newest pose and IMU sample are for head control.
         """
-        del pose, imu
         dt_s = self._elapsed_s(t_ns, joints)
+        self._head.sense.update(t_ns, pose, imu)
         if dt_s > 0.0:
-            self._follower.step(self._blend.step(self._drive, dt_s), dt_s)
-        return JointTarget(t_ns, self._follower.q_rad)
+            self._follower.step(self._wanted(dt_s, joints), dt_s)
+        return JointTarget(t_ns, self._follower.q_rad, self._blend.roll_rad)
 
-    def _settings(self, command: GaitCommand) -> GaitSettings:
-        """Return the command's parameters over the configured ones (which are those of the configured gait only)."""
-        asked = {
-            "alpha_pi": command.alpha_pi,
-            "wavelength_joints": command.wavelength_joints,
-            "period_s": command.period_s,
-            "amplitude_deg": command.amplitude_deg,
-        }
-        given = {key: value for key, value in asked.items() if value is not None}
-        kept = self._configured.model_dump() if command.gait == self._configured.name else {"name": command.gait}
-        if "alpha_pi" in given or "amplitude_deg" in given:
-            kept.pop("alpha_pi", None)
-            kept.pop("amplitude_deg", None)
-        try:
-            return GaitSettings.model_validate({**kept, **given})
-        except ValidationError as error:
-            first = error.errors()[0]
-            raise InputError(f"gait.{'.'.join(map(str, first['loc']))}", first["msg"]) from error
+    def _wanted(self, dt_s: float, joints: JointState | None) -> Float:
+        """Return the gait's angles with the head's control over them."""
+        feeds_back = self._head.feeds_back(self._blend.gait)
+        if not feeds_back:
+            self._hand_back()
+        q_rad = self._blend.step(self._drive, dt_s)
+        if not feeds_back:
+            return q_rad
+        if self._head.steers(self._blend.gait):
+            self._head.sense.line.turn_by(self._turn * TURN_RATE_RAD_S * abs(self._blend.pace) * dt_s)
+        return self._head.step(q_rad, self._blend, self._follower.q_rad, joints, dt_s)
+
+    def _hand_back(self) -> None:
+        """Let the blend go on from where feedback has brought the neck."""
+        if self._head.engaged:
+            self._blend.take_up(self._follower.q_rad, self._follower.dq_rad_s)
+            self._head.disengage()
 
     def _elapsed_s(self, t_ns: int, joints: JointState | None) -> float:
         if self._t_ns is None and joints is not None:
-            self._blend = GaitBlend(self._model, self._gait, joints.q_rad)
+            self._blend = GaitBlend(self._model, self._gait, joints.q_rad, self._head.shape)
             self._follower = LimitedFollower(self._model.limits, joints.q_rad)
         elapsed_s = 0.0 if self._t_ns is None else (t_ns - self._t_ns) * NS
         if elapsed_s < 0.0:

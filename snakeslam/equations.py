@@ -34,6 +34,8 @@ GAIT_MODELS = "tests/estimation/test_gait_models.py"
 PLANAR = "tests/estimation/test_planar.py"
 PREINTEGRATION = "tests/estimation/test_preintegration.py"
 SUMS = ("snakeslam.estimation.preintegration.preintegrate", PREINTEGRATION)
+DIRECTION, POSITION = "snakeslam.head.direction", "snakeslam.head.position"
+DIRECTION_TEST, POSITION_TEST = "tests/head/test_direction.py", "tests/head/test_position.py"
 GAIT = ("snakeslam.gaits.parametric.joint_angles", "tests/gaits/test_parametric.py")
 
 EQUATIONS: dict[int, Equation] = {
@@ -53,31 +55,39 @@ EQUATIONS: dict[int, Equation] = {
             *GAIT,
             note="Applies to each family of joints separately.",
         ),
-        Equation(3, "Heading rate at the neck's start", "dphi_M/dt = k(s_M, t) v"),
-        Equation(4, "Heading along the neck", "phi_N - phi_M = int_{s_M}^{s_N} k(s, t) ds"),
+        Equation(3, "Heading rate at the neck's start", "dphi_M/dt = k(s_M, t) v", DIRECTION, DIRECTION_TEST),
+        Equation(4, "Heading along the neck", "phi_N - phi_M = int_{s_M}^{s_N} k(s, t) ds", DIRECTION, DIRECTION_TEST),
         Equation(
             5,
             "Heading rate of the head",
             "dphi_N/dt = dphi_M/dt + int_{s_M}^{s_N} dk/dt ds",
+            DIRECTION,
+            DIRECTION_TEST,
             note="Printed without the dot over k.",
         ),
         Equation(
             6,
             "Condition of a head that does not turn",
             "dphi_M/dt = - int_{s_M}^{s_N} dk/dt ds",
+            DIRECTION,
+            DIRECTION_TEST,
             note="Printed without the dot over k.",
         ),
         Equation(
             7,
             "Law of head direction control",
             "int_{s_M}^{s_N} dk/dt ds = - k(s_M, t) v",
+            DIRECTION,
+            DIRECTION_TEST,
             note="Printed without the dot over k.",
         ),
-        Equation(8, "Its initial condition", "int_{s_M}^{s_N} k(s, t) ds = - phi_M(t)"),
+        Equation(8, "Its initial condition", "int_{s_M}^{s_N} k(s, t) ds = - phi_M(t)", DIRECTION, DIRECTION_TEST),
         Equation(
             9,
             "Neck as an arc: rate of its curvature",
             "dc_M/dt = - k(s_M, t) v / l_N,   c_M = - phi_M / l_N",
+            f"{DIRECTION}.arc_curvature",
+            DIRECTION_TEST,
             note="Printed with a stray t and l_M for the neck's length l_N.",
         ),
         Equation(
@@ -85,6 +95,8 @@ EQUATIONS: dict[int, Equation] = {
             "Curvature with a neck that is an arc",
             "k(s, t) = - alpha b sin(b s + sigma)    s < s_M\n"
             "        = - phi_M / l_N                 s_M < s < s_N,      b = 2 pi / L",
+            f"{DIRECTION}.curvature",
+            DIRECTION_TEST,
         ),
         Equation(
             11,
@@ -92,41 +104,61 @@ EQUATIONS: dict[int, Equation] = {
             "phi(s, t) = alpha cos(b s + sigma)                              s < s_M\n"
             "          = (1 - (s - s_M)/l_N) alpha cos(b s_M + sigma)        s_M < s < s_N\n"
             "          = 0                                                   s > s_N",
+            f"{DIRECTION}.heading",
+            DIRECTION_TEST,
             note="Printed with cos(b s + sigma) in the neck, which also reaches 0 but is no arc.",
         ),
-        Equation(12, "Joint angles from the heading", "angle_i = phi(2 i l_0) - phi((2 i - 2) l_0)"),
+        Equation(
+            12,
+            "Joint angles from the heading",
+            "angle_i = phi(2 i l_0) - phi((2 i - 2) l_0)",
+            f"{DIRECTION}.joint_angles",
+            DIRECTION_TEST,
+        ),
         Equation(
             13,
             "Lateral speed at the neck's start",
             "dy_M/dt = + v sin(phi_M)",
+            f"{POSITION}.lateral_speed",
+            POSITION_TEST,
             note="Printed with a minus, which contradicts (15).",
         ),
         Equation(
             14,
             "Lateral position of the head",
             "y_N = y_M + int_{s_M}^{s_N} sin( phi_M + int_{s_M}^{s} k ds' ) ds",
+            f"{POSITION}.head_offset_m",
+            POSITION_TEST,
         ),
         Equation(
             15,
             "Condition of a head that does not sway",
             "d/dt int_{s_M}^{s_N} sin( int_s^{s_N} k ds' ) ds = - v sin( int_{s_M}^{s_N} k ds )",
+            f"{POSITION}.head_offset_m",
+            POSITION_TEST,
             note="The left side is the derivative of the integral; s_H is s_N.",
         ),
         Equation(
             16,
             "Neck of two arcs: curvature",
             "k(s, t) = c_M + f_M    s_M < s < s_M + l_N/2\n        = c_M - f_M    s > s_M + l_N/2",
+            POSITION,
+            POSITION_TEST,
         ),
         Equation(
             17,
             "Neck of two arcs: rate of the difference",
             "df_M/dt = v (4 c_M - 2 k(s_M, t)) / l_N",
+            f"{POSITION}.difference_rate",
+            POSITION_TEST,
             note="Printed without v.",
         ),
         Equation(
             18,
             "Its integration",
             "f_M(t_{k+1}) = f_M(t_k) + df_M/dt dt",
+            f"{POSITION}.step_difference",
+            POSITION_TEST,
             note="Drifts: a wrong f(0) leaves 1.13 m of head offset; the drift-free form solves y_N = 0 for f.",
         ),
         Equation(
@@ -135,6 +167,8 @@ EQUATIONS: dict[int, Equation] = {
             "k(s, t) = - alpha b sin(b s + sigma)    s < s_M\n"
             "        = c_M + f_M                     s_M < s < s_M + l_N/2\n"
             "        = c_M - f_M                     s > s_M + l_N/2",
+            f"{POSITION}.curvature",
+            POSITION_TEST,
         ),
         Equation(
             20,
@@ -142,9 +176,17 @@ EQUATIONS: dict[int, Equation] = {
             "phi(s, t) = alpha cos(b s + sigma)                                  s < s_M\n"
             "          = (1 - (s - s_M)/l_N) phi_M + f_M (s - s_M)               s_M < s < s_M + l_N/2\n"
             "          = (1 - (s - s_M)/l_N) phi_M + f_M (s_N - s)               s > s_M + l_N/2",
+            f"{POSITION}.heading",
+            POSITION_TEST,
             note="As printed, the last piece leaves the head's yaw off by f l_N / 2.",
         ),
-        Equation(21, "Joint angles from the heading", "angle_i = phi(2 i l_0) - phi((2 i - 2) l_0)"),
+        Equation(
+            21,
+            "Joint angles from the heading",
+            "angle_i = phi(2 i l_0) - phi((2 i - 2) l_0)",
+            f"{DIRECTION}.joint_angles",
+            POSITION_TEST,
+        ),
         Equation(
             22,
             "What the IMU measures",

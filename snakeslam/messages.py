@@ -90,11 +90,28 @@ class GaitCommand:
 
 
 @dataclass(frozen=True, slots=True)
+class HeadCommand:
+    """What the operator asks of the head; None leaves a thing as it is.
+
+    ``turn_by_deg`` turns the head's reference line, and so the robot, positive to the left.
+    """
+
+    t_ns: int
+    controller: str | None = None
+    neck_joints: int | None = None
+    turn_by_deg: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class JointTarget:
-    """Commanded joint angles ``q_rad`` (N,), tail to head."""
+    """Commanded joint angles ``q_rad`` (N,), tail to head.
+
+    ``head_roll_rad`` is how far the gait has rolled the head about its view, None where the gait does not roll.
+    """
 
     t_ns: int
     q_rad: Float
+    head_roll_rad: float | None = None
 
     def __post_init__(self) -> None:
         _read_only(self, {"q_rad": np.float64})

@@ -9,7 +9,7 @@ from snakeslam.estimation.vio import VisualInertialOdometry
 from snakeslam.estimation.visual import VisualOdometry
 from snakeslam.mapping.keyframes import KeyframeMapper
 from snakeslam.mapping.settings import MappingSettings
-from snakeslam.messages import CameraFrame, MapChunk, Packet, SlamUpdate
+from snakeslam.messages import CameraFrame, JointTarget, MapChunk, Packet, SlamUpdate
 from snakeslam.robot.model import SnakeModel
 
 
@@ -42,6 +42,10 @@ class Slam:
         self._estimator = build_estimator(estimator, rig, seed, model)
         self._mapper = KeyframeMapper(mapping, rig.cam0)
         self._T_IC = rig.cam0.T_IC
+
+    def expect(self, target: JointTarget) -> None:
+        """Take what control commanded: the roll of a rolling gait helps to follow features."""
+        self._estimator.expect_roll(target.t_ns, target.head_roll_rad)
 
     def process(self, packet: Packet) -> SlamUpdate | None:
         """Take one packet, in time order; return an update for every camera frame and None otherwise."""

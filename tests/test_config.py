@@ -68,8 +68,6 @@ def test_the_settings_of_the_contract_can_be_set(key: str, value: object) -> Non
     ("override", "built"),
     [
         ("estimator.mode=fused", "visual, vio, planar, gait"),
-        ("head.controller=direction", "none"),
-        ("head.controller=predictive", "none"),
     ],
 )
 def test_a_mode_of_a_later_version_says_so(override: str, built: str) -> None:

@@ -6,12 +6,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from snakeslam.control import Control
-from snakeslam.errors import InputError, NotBuiltError
+from snakeslam.errors import InputError
 from snakeslam.gaits.catalogue import CATALOGUE, GaitSettings, resolve
 from snakeslam.gaits.posture import posed_angles
 from snakeslam.head.settings import HeadSettings
-from snakeslam.messages import GaitCommand, JointState
+from snakeslam.messages import GaitCommand, HeadCommand, JointState
+from snakeslam.robot.limits import LimitedFollower
 from snakeslam.robot.model import PRESETS
+from tests.head.plane import gyro, pose_estimate
 
 MODEL = PRESETS["sim35"]
 STEP_NS = 10_000_000
@@ -33,6 +35,34 @@ def _control(**gait):
 
 def _run(control, steps, start=0, joints=None):
     return np.array([control.step((start + k) * STEP_NS, joints, None, None).q_rad for k in range(steps)])
+
+
+CONTROLLERS = ("none", "direction", "position", "predictive")
+
+
+def _held(controller="predictive", **gait):
+    control = Control(MODEL, GaitSettings(**gait), HeadSettings(controller=controller))
+    control.command(GaitCommand(0, "serpentine", **gait))
+    return control
+
+
+def _sensed(control, steps, start=0):
+    """As ``_run``, with an estimate and a gyroscope that see a head that holds still."""
+    stamps = [(start + k) * STEP_NS for k in range(steps)]
+    return np.array([control.step(t, None, pose_estimate(t), gyro(t, 0.0)).q_rad for t in stamps])
+
+
+@pytest.fixture
+def wanted(monkeypatch):
+    """What is asked of the follower, a row a step."""
+    rows, step = [], LimitedFollower.step
+
+    def spy(self, target_rad, dt_s):
+        rows.append(np.array(target_rad))
+        return step(self, target_rad, dt_s)
+
+    monkeypatch.setattr(LimitedFollower, "step", spy)
+    return rows
 
 
 @settings(max_examples=40, deadline=None)
@@ -125,7 +155,102 @@ def test_drive_and_turn_beyond_one_are_refused(key, value):
         _control().command(GaitCommand(0, "serpentine", **{key: value}))
 
 
-@pytest.mark.parametrize("controller", ["direction", "position", "predictive"])
-def test_head_controllers_of_later_versions_say_so(controller):
-    with pytest.raises(NotBuiltError, match="not built yet"):
-        Control(MODEL, GaitSettings(), HeadSettings(controller=controller))
+def test_switching_head_controllers_at_any_phase_is_no_jump(wanted):
+    """Every pair in turn, each at another phase, some amid the change before: what is asked for is smooth itself.
+
+    Only feedback may begin with another rate, which the follower takes up within a few steps and .05 rad.
+    """
+    control, parts, start = _held("none", alpha_pi=0.5), [], 0
+    pairs = [b for k in range(4) for b in (CONTROLLERS[(k + j) % 4] for j in (1, 3, 2))]
+    for k, controller in enumerate(["none", *pairs, *pairs]):
+        control.command_head(HeadCommand(0, controller=controller))
+        parts.append(_sensed(control, 47 + 13 * (k % 4), start))
+        start += len(parts[-1])
+    q_rad, asked = np.concatenate(parts)[1:], np.array(wanted)
+    assert np.max(np.abs(np.diff(asked, axis=0))) / 0.01 < 4.0
+    assert np.max(np.abs(asked - q_rad)) < 0.05
+    rates = np.diff(q_rad, axis=0) / 0.01
+    assert np.max(np.abs(np.diff(rates, axis=0))) / 0.01 <= MODEL.limits.acceleration_rad_s2 + 1e-6
+
+
+def test_drive_0_holds_still_under_feedback_and_goes_on(wanted):
+    control = _held(alpha_pi=0.5)
+    moving = _sensed(control, 300)
+    control.command(GaitCommand(0, "serpentine", drive=0.0, alpha_pi=0.5))
+    _sensed(control, 60, 300)
+    still = _sensed(control, 200, 360)
+    np.testing.assert_allclose(still, np.broadcast_to(still[0], still.shape), atol=1e-9)
+    control.command(GaitCommand(0, "serpentine", alpha_pi=0.5))
+    onward = _sensed(control, 200, 560)
+    assert np.max(np.abs(onward[0] - still[-1])) < 0.01
+    assert np.max(np.abs(onward[-1] - still[-1])) > 0.2
+    assert np.max(np.abs(np.diff(moving, axis=0))) > 0.005
+    assert np.max(np.abs(np.diff(np.array(wanted), 2, axis=0))) / 0.01**2 < MODEL.limits.acceleration_rad_s2
+
+
+def test_reversing_under_feedback_runs_the_wave_back(wanted):
+    control = _held(alpha_pi=0.3)
+    forward = _sensed(control, 400)
+    control.command(GaitCommand(0, "serpentine", drive=-1.0, alpha_pi=0.3))
+    back = _sensed(control, 500, 400)
+    assert np.max(np.abs(back)) <= np.max(np.abs(forward)) + 0.2
+    assert np.max(np.abs(np.diff(np.array(wanted), 2, axis=0))) / 0.01**2 < MODEL.limits.acceleration_rad_s2
+    body = slice(0, 12, 2)
+    for rows, ahead in ((forward[-150:], -1.0), (back[-150:], 1.0)):
+        rate = np.gradient(rows[:, body], 0.01, axis=0)
+        slope = np.gradient(rows[:, body], axis=1)
+        assert np.sign(np.sum(rate * slope)) == -ahead
+
+
+@pytest.mark.parametrize("alpha_pi", [0.1, 0.7])
+def test_predictive_without_any_sensor_stays_bounded(alpha_pi):
+    control = _held(alpha_pi=alpha_pi)
+    q_rad = _run(control, 1200)
+    assert np.all(np.isfinite(q_rad))
+    assert np.max(np.abs(q_rad)) <= np.deg2rad(89.0)
+    period = q_rad[-401:]
+    np.testing.assert_allclose(period[0], period[-1], atol=0.2)
+
+
+@pytest.mark.parametrize("name", [name for name in CATALOGUE if name != "serpentine"])
+def test_another_gait_and_back_under_predictive_control_is_smooth(name, wanted):
+    """By the model alone: where nothing answers, estimates that stand still would be an error that grows."""
+    control, parts, start = _held(alpha_pi=0.3), [], 0
+    for gait, steps in (("serpentine", 230), (name, 300), ("serpentine", 700)):
+        control.command(GaitCommand(0, gait))
+        parts.append(_run(control, steps, start))
+        start += steps
+    q_rad, asked = np.concatenate(parts)[1:], np.array(wanted)
+    assert np.max(np.abs(np.diff(asked, axis=0))) / 0.01 < 4.0
+    assert np.max(np.abs(asked - q_rad)) < 0.05
+    fresh = _run(_held(alpha_pi=0.3), 800)[400:]
+    reach, expected = (np.max(np.abs(rows[:, ::2][:, :11]), axis=0) for rows in (q_rad[-400:], fresh))
+    np.testing.assert_allclose(reach, expected, atol=0.05)
+
+
+def test_feedback_is_deterministic():
+    def play():
+        control = _held(alpha_pi=0.5)
+        first = _sensed(control, 150)
+        control.command_head(HeadCommand(0, turn_by_deg=20.0))
+        second = _sensed(control, 100, 150)
+        control.command_head(HeadCommand(0, controller="position"))
+        return np.concatenate([first, second, _sensed(control, 100, 250)]).tobytes()
+
+    assert play() == play()
+
+
+def test_a_head_that_the_gait_cannot_have_is_refused_and_changes_nothing():
+    control, untouched = (_held("position", alpha_pi=0.3) for _ in range(2))
+    for bad in (HeadCommand(0, neck_joints=2), HeadCommand(0, controller="steady"), HeadCommand(0, turn_by_deg=9.0)):
+        with pytest.raises(InputError, match="head") as caught:
+            control.command_head(bad)
+        assert "\n" not in str(caught.value)
+    with pytest.raises(InputError, match=r"head.neck_joints.*deg in this gait"):
+        Control(MODEL, GaitSettings(alpha_pi=0.5), HeadSettings(controller="position", neck_joints=2))
+    deep = _held("position", alpha_pi=0.1)
+    deep.command_head(HeadCommand(0, neck_joints=2))
+    with pytest.raises(InputError, match=r"head.neck_joints"):
+        deep.command(GaitCommand(0, "serpentine", alpha_pi=0.7))
+    assert control.head == untouched.head
+    np.testing.assert_array_equal(_run(control, 100), _run(untouched, 100))

@@ -11,6 +11,7 @@ from server.live import Live
 from server.problem import Problem
 from server.state import gait_json, state_json
 from snakeslam.gaits.catalogue import CatalogueEntry, GaitName, GaitSettings, catalogue_for, resolve
+from snakeslam.gaits.command import commanded_gait
 from snakeslam.messages import GaitCommand
 from snakeslam.robot.model import SnakeModel, snake_model
 from snakeslam.runtime.topics import SetGait, Stop
@@ -39,8 +40,9 @@ async def put_gait(request: GaitRequest, house: Rooms) -> dict[str, Any]:
     current = house.live.gait()
     turn = current.turn if request.turn is None else request.turn
     settings = GaitSettings(**request.model_dump(exclude={"turn"}))
-    resolve(settings, _model(house.live), turn)
-    await house.live.command(SetGait(_command(settings, turn)))
+    command = _command(settings, turn)
+    resolve(commanded_gait(command, house.live.view.config.gait), _model(house.live), turn)
+    await house.live.command(SetGait(command))
     house.telemetry.tell_state()
     return state_json(house.live)
 

@@ -30,6 +30,10 @@ class FrameEstimate:
 class Estimator(Protocol):
     """Turns packets, in time order, into poses; no clock, thread, file or socket."""
 
+    def expect_roll(self, t_ns: int, roll_rad: float | None) -> None:
+        """Take the head's roll about its view that the gait is to have at ``t_ns``, None while it does not roll."""
+        ...
+
     def process(self, packet: Packet) -> FrameEstimate | None:
         """Take one packet; return an estimate for a camera frame and None for any other packet."""
         ...

@@ -45,6 +45,10 @@ class PlanarOdometry:
         estimate = self._vio.process(packet)
         return None if estimate is None or not isinstance(packet, CameraFrame) else self._fuse(packet.t_ns, estimate)
 
+    def expect_roll(self, t_ns: int, roll_rad: float | None) -> None:
+        """Hand on what control foresees of the head's roll."""
+        self._vio.expect_roll(t_ns, roll_rad)
+
     def _fuse(self, t_ns: int, estimate: FrameEstimate) -> FrameEstimate:
         if not self._prediction.ready or (self._state is None and estimate.pose is None):
             return estimate
@@ -158,6 +162,9 @@ class GaitOdometry:
             self._state = PlanarState.at(np.zeros(3), shape, np.diag(START_SIGMA**2))
             self._prediction.start(packet.t_ns)
         return self._estimate(packet) if isinstance(packet, CameraFrame) else None
+
+    def expect_roll(self, t_ns: int, roll_rad: float | None) -> None:
+        """Commands have no part in it: the joints tell."""
 
     def _estimate(self, frame: CameraFrame) -> FrameEstimate:
         no_tracks = np.empty((0, 2), np.float32), np.empty(0, np.int64), np.empty(0, bool)

@@ -19,6 +19,7 @@ from snakeslam.estimation.ieskf import Features, LandmarkSightings, promote, upd
 from snakeslam.estimation.initialise import start_moving, start_still
 from snakeslam.estimation.measurements import CameraRows, Observations
 from snakeslam.estimation.preintegration import ImuBuffer, preintegrate
+from snakeslam.estimation.roll import RollPrior, with_roll
 from snakeslam.estimation.settings import EstimatorSettings
 from snakeslam.estimation.state import THETA, State, V
 from snakeslam.estimation.tracks import Track, TrackStore
@@ -66,10 +67,15 @@ class VisualInertialOdometry:
         self._history: list[_Seen] = []
         self._last_ns: int | None = None
         self._last_imu_ns: int | None = None
+        self._roll = RollPrior()
         self._bias_g = np.zeros(3)
         self._supported_ns = 0
         self._bad_samples = 0
         self._anchor: tuple[float, Float] = (0.0, np.zeros(3))
+
+    def expect_roll(self, t_ns: int, roll_rad: float | None) -> None:
+        """Take the roll that the gait is to give the head: a prior for features where the gyro fails."""
+        self._roll.add(t_ns, roll_rad)
 
     def process(self, packet: Packet) -> FrameEstimate | None:
         """Take one packet; return an estimate for a camera frame."""
@@ -135,7 +141,8 @@ class VisualInertialOdometry:
         """Return how the camera has turned since the frame before, from the gyro."""
         span = self._imu.segments(self._last_ns, t_ns) if self._last_ns is not None else None
         if span is None:
-            return np.eye(3)
+            roll_rad = None if self._last_ns is None else self._roll.between(self._last_ns, t_ns)
+            return np.eye(3) if roll_rad is None else with_roll(np.eye(3), -roll_rad)
         bias_g = self._bias_g if self._state is None else self._state.bias_g
         R_I0I1 = np.eye(3)
         for step in so3.exp((span.gyro_I - bias_g) * span.dt_s[:, None]):

@@ -14,6 +14,7 @@ from snakeslam.errors import InputError
 from snakeslam.estimation.base import FrameEstimate
 from snakeslam.estimation.camera import PinholeCamera
 from snakeslam.estimation.orb import OrbExtractor
+from snakeslam.estimation.roll import RollPrior, with_roll
 from snakeslam.estimation.settings import EstimatorSettings
 from snakeslam.estimation.visual_map import VisualMap
 from snakeslam.estimation.visual_match import Match, Matcher, View, look
@@ -40,10 +41,13 @@ class _Track:
     cov: Float
     twist: Float
 
-    def predict(self, t_ns: int) -> Float:
-        """Return T_WC at ``t_ns`` by constant velocity, held after ``COAST_S``."""
+    def predict(self, t_ns: int, roll_rad: float | None) -> Float:
+        """Return T_WC at ``t_ns`` by constant velocity, held after ``COAST_S``; the roll as foreseen, if it was."""
         dt_s = min((t_ns - self.t_ns) / 1e9, COAST_S)
-        return self.T_WC @ se3.exp(self.twist * dt_s)
+        step = se3.exp(self.twist * dt_s)
+        if roll_rad is not None:
+            step = se3.from_rt(with_roll(step[:3, :3], roll_rad), step[:3, 3])
+        return self.T_WC @ step
 
 
 class VisualOdometry:
@@ -61,7 +65,12 @@ class VisualOdometry:
         self._track: _Track | None = None
         self._tracked_ns: int | None = None
         self._lost = False
+        self._roll = RollPrior()
         self._gray: NDArray[np.uint8] | None = None
+
+    def expect_roll(self, t_ns: int, roll_rad: float | None) -> None:
+        """Take the roll that the gait is to give the head."""
+        self._roll.add(t_ns, roll_rad)
 
     def process(self, packet: Packet) -> FrameEstimate | None:
         """Take one packet; return an estimate for a camera frame; InputError when it has no depth."""
@@ -78,6 +87,9 @@ class VisualOdometry:
         if self._track is None:
             return self._start(packet, view, ())
         return self._follow(packet, view, self._track)
+
+    def _predict(self, track: _Track, t_ns: int) -> Float:
+        return track.predict(t_ns, self._roll.between(track.t_ns, t_ns))
 
     def _start(self, frame: CameraFrame, view: View, events: tuple[str, ...]) -> FrameEstimate:
         """Begin a map at this frame, where the last one ended or at the origin of W."""
@@ -97,7 +109,7 @@ class VisualOdometry:
         return _estimate(frame, self._pose(self._track, np.zeros(3), health), health, None, events)
 
     def _follow(self, frame: CameraFrame, view: View, track: _Track) -> FrameEstimate:
-        match = self._matcher.near(view, self._map, track.predict(frame.t_ns))
+        match = self._matcher.near(view, self._map, self._predict(track, frame.t_ns))
         if match is None or match.agreeing < self._required:
             wide = self._matcher.anywhere(view, self._map)
             if wide is not None and wide.agreeing >= self._settings.relocalise_inliers:
@@ -134,7 +146,7 @@ class VisualOdometry:
             return (f"implausible speed: {speed_m_s:.1f} m/s",)
         if rate_deg_s > self._settings.max_rate_deg_s:
             return (f"implausible turn: {rate_deg_s:.0f} deg/s",)
-        off_m = float(np.linalg.norm(track.predict(frame.t_ns)[:3, 3] - match.fit.T_WC[:3, 3]))
+        off_m = float(np.linalg.norm(self._predict(track, frame.t_ns)[:3, 3] - match.fit.T_WC[:3, 3]))
         allowed_m = self._settings.max_sigma_m + 0.5 * self._settings.max_acceleration_m_s2 * dt_s**2
         if match.agreeing < self._settings.few_inliers and off_m > allowed_m:
             return (f"few matches, {off_m:.2f} m from where they should be: {match.agreeing}",)
@@ -181,7 +193,7 @@ class VisualOdometry:
         track, self._lost = self._track, True
         blind_s = (frame.t_ns - self._tracked_ns) / 1e9
         grown = np.diag([BLIND_SIGMA_M_S] * 3 + [BLIND_SIGMA_RAD_S] * 3) ** 2 * blind_s**2
-        guess = replace(track, t_ns=frame.t_ns, T_WC=track.predict(frame.t_ns), cov=track.cov + grown)
+        guess = replace(track, t_ns=frame.t_ns, T_WC=self._predict(track, frame.t_ns), cov=track.cov + grown)
         count = 0 if match is None else match.agreeing
         if blind_s > self._max_blind_s:
             health = Health(Verdict.LOST, (*reasons, f"the map not found for {blind_s:.1f} s"), count)

@@ -5,6 +5,8 @@ difference of the two gaits into e, which then decays like a critically damped s
 rates ever jump. One signed pace in [-1, 1] scales all time: at 0 the robot holds whatever shape it is in.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 
 from snakeslam.gaits.catalogue import ResolvedGait
@@ -18,19 +20,27 @@ DECAY_RAD_S = 2.5
 """Rate of the spring that takes up a change."""
 FORMED_RAD = 0.05
 """A rolling gait waits until its arc lies flat to within this, or the arc would stand up and be thrown."""
+LEAST_PACE = 0.05
+"""Slower than this a rate says nothing of the rate per unit of paced time."""
 WHOLE_TURN = 2.0 * np.pi
+
+Shape = Callable[[ResolvedGait, float], tuple[Float, Float]]
+"""A gait and its phase to the angles (N,) rad and their slope d/d(sigma)."""
 
 
 class GaitBlend:
-    """Plays one gait after another from the angles ``q_rad`` (N,) of a robot that lies upright and still."""
+    """Plays one gait after another from the angles ``q_rad`` (N,) of a robot that lies upright and still.
 
-    def __init__(self, model: SnakeModel, gait: ResolvedGait, q_rad: Float) -> None:
-        self._model = model
+    ``shape`` lays more over the gait's own angles, a closed form of head control (default: the posture alone).
+    """
+
+    def __init__(self, model: SnakeModel, gait: ResolvedGait, q_rad: Float, shape: Shape | None = None) -> None:
+        self._shape: Shape = shape or plain_shape(model)
         self._gait, self._next = gait, gait
         self._sigma = gait.start_sigma
         self._pace = 0.0
         self._phase_pace = 0.0 if gait.rolls else 1.0
-        self._left = np.asarray(q_rad, dtype=np.float64) - posed_angles(gait, model, self._sigma)[0]
+        self._left = np.asarray(q_rad, dtype=np.float64) - self._shape(gait, self._sigma)[0]
         self._left_rate = np.zeros(model.joint_count)
         self._came_upright = False
 
@@ -49,11 +59,29 @@ class GaitBlend:
         """Present speed of time in [-1, 1]."""
         return self._pace
 
+    @property
+    def roll_rad(self) -> float | None:
+        """How far the gait has rolled the body since it was upright; None where it does not roll."""
+        return self._sigma - self._gait.start_sigma if self._gait.rolls else None
+
     def set_gait(self, gait: ResolvedGait) -> None:
         """Change to ``gait``: at once, or when a rolling body is upright again."""
         self._next = gait
         if gait.name == self._gait.name or not self._gait.rolls or self._upright():
             self._change()
+
+    def set_shape(self, shape: Shape) -> None:
+        """Change what lies over the gait; the angles go on from where they are."""
+        before = self._angles_and_rates()
+        self._shape = shape
+        self._keep(before)
+
+    def take_up(self, q_rad: Float, dq_rad_s: Float) -> None:
+        """Go on from these angles (N,) rad and rates (N,) rad/s, to which another hand has brought the joints."""
+        q_gait, rate_gait = self._angles_and_rates()
+        self._left = q_rad - q_gait
+        pace = abs(self._pace)
+        self._left_rate = dq_rad_s / pace - rate_gait if pace > LEAST_PACE else np.zeros_like(q_rad)
 
     def step(self, drive: float, dt_s: float) -> Float:
         """Advance by ``dt_s`` with ``drive`` in [-1, 1] and return the angles, (N,) rad."""
@@ -63,7 +91,7 @@ class GaitBlend:
         self._pace += float(np.clip(np.clip(drive, -1.0, 1.0) - self._pace, -largest, largest))
         self._advance_phase(dt_s)
         self._decay(abs(self._pace) * dt_s)
-        return posed_angles(self._gait, self._model, self._sigma)[0] + self._left
+        return self._shape(self._gait, self._sigma)[0] + self._left
 
     def _advance_phase(self, dt_s: float) -> None:
         if self._phase_pace < 1.0 and np.max(np.abs(self._left)) < FORMED_RAD:
@@ -91,15 +119,28 @@ class GaitBlend:
     def _change(self) -> None:
         """Swap the gaits and keep the angles and the rates (per unit of paced time) as they are."""
         old, new = self._gait, self._next
-        q_old, rate_old = self._angles_and_rates()
+        before = self._angles_and_rates()
         if new.name != old.name:
             self._sigma = new.start_sigma
             self._phase_pace = 0.0 if new.rolls else 1.0
         self._gait = new
-        q_new, rate_new = self._angles_and_rates()
-        self._left = self._left + q_old - q_new
-        self._left_rate = self._left_rate + rate_old - rate_new
+        self._keep(before)
+
+    def _keep(self, before: tuple[Float, Float]) -> None:
+        """Take into e what the gait's angles and rates were ``before`` and are no more."""
+        q_rad, rate = self._angles_and_rates()
+        self._left = self._left + before[0] - q_rad
+        self._left_rate = self._left_rate + before[1] - rate
 
     def _angles_and_rates(self) -> tuple[Float, Float]:
-        q_rad, slope = posed_angles(self._gait, self._model, self._sigma)
+        q_rad, slope = self._shape(self._gait, self._sigma)
         return q_rad, slope * self._gait.omega * self._phase_pace * float(np.sign(self._pace))
+
+
+def plain_shape(model: SnakeModel) -> Shape:
+    """Return the gaits as they are, the head held as the model says."""
+
+    def shape(gait: ResolvedGait, sigma: float) -> tuple[Float, Float]:
+        return posed_angles(gait, model, sigma)
+
+    return shape

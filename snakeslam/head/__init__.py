@@ -1,1 +1,1 @@
-"""Head control; its settings exist, its controllers come later."""
+"""Head control: closed forms for the serpentine gait, Eq. (3)-(21), and feedback on a model of the whole body."""

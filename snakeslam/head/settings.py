@@ -4,21 +4,20 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from snakeslam.errors import NotBuiltError
 from snakeslam.settings import Settings
 
 HeadController = Literal["none", "direction", "position", "predictive"]
+
+
+LEAST_NECK_JOINTS = 2
+MOST_NECK_JOINTS = 12
 
 
 class HeadSettings(Settings):
     """How the neck keeps the head still."""
 
     controller: HeadController = "none"
-    neck_joints: Annotated[int, Field(ge=3, le=10)] = 6
+    neck_joints: Annotated[int, Field(ge=LEAST_NECK_JOINTS, le=MOST_NECK_JOINTS)] = 6
     """Yaw joints of the neck."""
-
-
-def require_built(settings: HeadSettings) -> None:
-    """Raise NotBuiltError for a controller that this version does not have."""
-    if settings.controller != "none":
-        raise NotBuiltError("head.controller", settings.controller, "none")
+    friction_ratio: Annotated[float, Field(ge=1, le=100)] = 4.0
+    """Friction across the body over friction along it, as predictive control supposes it; a wrong one costs little."""

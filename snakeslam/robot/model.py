@@ -20,6 +20,8 @@ HeadPosture = Literal["flat", "raised"]
 
 YAW_AXIS = (0.0, 0.0, 1.0)
 PITCH_AXIS = (0.0, -1.0, 0.0)
+IMU_BEHIND_CAMERA_M = 0.012
+"""As in a RealSense D435i, whose IMU sits 11.7 mm behind the infrared imager's origin."""
 HEAD_RAISE_RAD = float(np.deg2rad(22.0))
 
 
@@ -91,8 +93,8 @@ class SnakeModel:
 
     @property
     def T_HI(self) -> Float:
-        """IMU to head link: at the link's middle, axes parallel, (4, 4)."""
-        return se3.from_rt(np.eye(3), self.com_L)
+        """IMU to head link: in the camera's housing at the link's front, axes parallel, (4, 4)."""
+        return se3.from_rt(np.eye(3), np.array([self.joint_length_m - IMU_BEHIND_CAMERA_M, 0.0, 0.0]))
 
     @property
     def T_HC(self) -> Float:

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 
 from snakeslam.geometry import se3
+from snakeslam.head.settings import HeadSettings
 from snakeslam.messages import (
     CameraFrame,
     Float,
@@ -24,7 +25,7 @@ from snakeslam.messages import (
 from snakeslam.robot.kinematics import link_poses_from_imu
 from snakeslam.robot.model import SnakeModel
 from snakeslam.runtime.stillness import HeadStillness
-from snakeslam.runtime.topics import Event, Picture, Report, Tick
+from snakeslam.runtime.topics import Event, Picture, Refusal, Report, Tick
 
 NS = 1e-9
 PERIOD_S = 0.05
@@ -99,6 +100,10 @@ class LiveSink:
         self._tick_at = self._picture_at = -np.inf
         self._t_frame_ns = 0
 
+    def set_period(self, period_s: float) -> None:
+        """Tell the period of the gait: how still the head is, is judged over one."""
+        self._still.period_s = period_s
+
     def on_target(self, target: JointTarget) -> None:
         """Take the commanded angles."""
         self._q_target = target.q_rad
@@ -130,6 +135,8 @@ class LiveSink:
         for chunk in update.chunks:
             self._points[chunk.key] = len(chunk.points_K)
             self._put(chunk)
+        if "reset" in update.events:
+            self._still.restart()
         for text in update.events:
             self._put(Event(update.t_ns, "warning" if text == "reset" else "info", text))
         self._show(update, frame)
@@ -146,6 +153,9 @@ class LiveSink:
         moving: bool,
         estop_reason: str | None,
         gait: GaitCommand | None,
+        head_settings: HeadSettings | None,
+        notice: str | None,
+        refusals: tuple[Refusal, ...],
         realtime_factor: float | None,
     ) -> None:
         """Report the newest state."""
@@ -169,6 +179,9 @@ class LiveSink:
                 error_m=self._error_m(),
                 distance_m=self._distance_m,
                 map_points=sum(self._points.values()),
+                head_settings=head_settings,
+                notice=notice,
+                refusals=refusals,
             )
         )
 

@@ -68,6 +68,7 @@ class Loop:
         if self.control is None:
             return None
         target = self.control.step(self.backend.t_ns, self._joints, self.pose, self._imu)
+        self.slam.expect(target)
         self.sink.on_target(target)
         return target
 

@@ -5,6 +5,7 @@ The host starts it with a ``SessionSpec`` and talks to it over a pipe (``topics`
 
 import multiprocessing
 import signal
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from multiprocessing.connection import Connection
@@ -17,8 +18,11 @@ import numpy as np
 
 from snakeslam.backends.base import Backend
 from snakeslam.config import Config
-from snakeslam.errors import SnakeslamError
-from snakeslam.messages import GaitCommand
+from snakeslam.errors import InputError, SnakeslamError
+from snakeslam.gaits.advance import advance_notice
+from snakeslam.gaits.catalogue import resolve
+from snakeslam.gaits.command import commanded_gait
+from snakeslam.messages import GaitCommand, HeadCommand
 from snakeslam.runtime.assembly import build_backend, build_control, build_slam, mode_for
 from snakeslam.runtime.live import LiveSink
 from snakeslam.runtime.lockstep import Loop
@@ -30,16 +34,21 @@ from snakeslam.runtime.topics import (
     Ended,
     EStop,
     Event,
+    Refusal,
     Report,
     ResetEStop,
     RobotShape,
     SetGait,
+    SetHead,
     Shutdown,
     Start,
     Started,
     Stop,
 )
+from snakeslam.runtime.words import head_words
 from snakeslam.threads import use_one_thread
+
+REFUSALS_KEPT = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,30 +82,46 @@ class Session:
         self.backend = backend
         self._gait = configured_gait(spec.config) if self._control else None
         self._moving = False
+        self._notice: str | None = None
         self._done = 0
+        self._refusals: deque[Refusal] = deque(maxlen=REFUSALS_KEPT)
         self._pacer = Pacer()
         config = _with_estimator_mode(spec, backend)
         # The visual estimator starts level with its camera, however that is held.
         self._sink = LiveSink(backend.model, put, gravity_known=config.estimator.mode != "visual")
         self._loop = Loop(backend, self._control, build_slam(config, backend), self._sink)
+        self._configured = spec.config.gait
+        self._judge_gait()
         self._autostart_ns = backend.t_ns + round(config.run.rest_s * 1e9) if spec.autostart else None
         put(_started(backend, config.estimator.mode, self._gait))
 
     def take(self, command: Command) -> None:
-        """Obey a command at once; the next joint target already does."""
+        """Obey a command at once; the next joint target already does.
+
+        What cannot be done changes nothing and is told.
+        """
+        try:
+            self._do(command)
+        except InputError as error:
+            self._refusals.append(Refusal(self._done + 1, str(error)))
+            self._say("error", str(error))
+        self._done += 1
+        self.report()
+
+    def _do(self, command: Command) -> None:
         if isinstance(command, EStop):
             self._estop(command.reason)
         elif isinstance(command, ResetEStop):
             self._reset()
         elif isinstance(command, SetGait):
-            self._set_gait(command.gait)
+            self._command(moving=self._moving, gait=command.gait)
+        elif isinstance(command, SetHead):
+            self._set_head(command.head)
         elif isinstance(command, Start):
             self._start()
         elif isinstance(command, Stop):
             self._autostart_ns = None
             self._command(moving=False)
-        self._done += 1
-        self.report()
 
     def step(self) -> float | None:
         """Advance one step; return the seconds to wait for real time, None at the end."""
@@ -117,6 +142,9 @@ class Session:
             moving=self._moving,
             estop_reason=None if self._guard is None else self._guard.reason,
             gait=self._gait,
+            head_settings=None if self._control is None else self._control.head,
+            notice=self._notice,
+            refusals=tuple(self._refusals),
             realtime_factor=self._pacer.realtime_factor,
         )
 
@@ -141,18 +169,33 @@ class Session:
         self._guard.resume()
         self._command(moving=True)
 
-    def _set_gait(self, gait: GaitCommand) -> None:
-        self._gait = gait
-        self._command(moving=self._moving)
-
-    def _command(self, *, moving: bool) -> None:
-        if self._control is None or self._gait is None:
+    def _command(self, *, moving: bool, gait: GaitCommand | None = None) -> None:
+        """Command ``gait`` (else the one there is); InputError, and no change, where it cannot be done."""
+        gait = gait or self._gait
+        if self._control is None or gait is None:
             return
+        gait = replace(gait, t_ns=self.backend.t_ns, drive=1.0 if moving else 0.0)
+        self._control.command(gait)
         if moving != self._moving:
-            self._say("info", f"start {self._gait.gait}" if moving else "stop")
-        self._moving = moving
-        self._gait = replace(self._gait, t_ns=self.backend.t_ns, drive=1.0 if moving else 0.0)
-        self._control.command(self._gait)
+            self._say("info", f"start {gait.gait}" if moving else "stop")
+        self._moving, self._gait = moving, gait
+        self._judge_gait()
+
+    def _judge_gait(self) -> None:
+        """Take the gait's period and what the operator should know of it."""
+        if self._model is None or self._gait is None:
+            return
+        gait = resolve(commanded_gait(self._gait, self._configured), self._model)
+        self._notice = advance_notice(gait)
+        self._sink.set_period(2.0 * np.pi / gait.omega)
+
+    def _set_head(self, command: HeadCommand) -> None:
+        if self._control is None:
+            return
+        before = self._control.head
+        self._control.command_head(replace(command, t_ns=self.backend.t_ns))
+        for text in head_words(before, self._control.head, command):
+            self._say("info", text)
 
     def _say(self, level: str, text: str) -> None:
         self._put(Event(self.backend.t_ns, level, text))

@@ -5,7 +5,8 @@ Commands go to the session, reports come back. Times are those of the backend.
 
 from dataclasses import dataclass
 
-from snakeslam.messages import Float, GaitCommand, Health, MapChunk
+from snakeslam.head.settings import HeadSettings
+from snakeslam.messages import Float, GaitCommand, HeadCommand, Health, MapChunk
 
 
 @dataclass(frozen=True, slots=True)
@@ -13,6 +14,13 @@ class SetGait:
     """Change the gait or its parameters; ``drive`` of ``gait`` is ignored: only Start and Stop set things moving."""
 
     gait: GaitCommand
+
+
+@dataclass(frozen=True, slots=True)
+class SetHead:
+    """Change the head's controller or its neck, or turn its reference line."""
+
+    head: HeadCommand
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +50,7 @@ class Shutdown:
     """End the session."""
 
 
-Command = SetGait | Start | Stop | EStop | ResetEStop | Shutdown
+Command = SetGait | SetHead | Start | Stop | EStop | ResetEStop | Shutdown
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,11 +78,27 @@ class Started:
 
 @dataclass(frozen=True, slots=True)
 class HeadMotion:
-    """How still the head is: heading, its rate, and the peak-to-peak sideways motion of the last seconds."""
+    """How still the head is, over the last period of the gait (``window_s``); None where it is not known.
+
+    ``heading_deg`` is the mean heading in the estimate's world, ``yaw_deg`` the head's deviation from it now and
+    ``yaw_rms_deg`` over the period; ``sway_m`` is the motion across the way, peak to peak.
+    """
 
     yaw_deg: float | None = None
+    yaw_rms_deg: float | None = None
     yaw_rate_deg_s: float | None = None
+    peak_yaw_rate_deg_s: float | None = None
     sway_m: float | None = None
+    heading_deg: float | None = None
+    window_s: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """Why the session did not do the command of this number (counted as in ``Tick.commands_done``)."""
+
+    number: int
+    reason: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +106,9 @@ class Tick:
     """The newest state, at most 20 times a second; ``commands_done`` counts the commands taken so far.
 
     ``T_WI`` (4, 4) is the estimate, ``Ts_WL`` (N + 1, 4, 4) the links that hang on it, ``T_WI_truth`` the truth brought
-    to the estimate's first pose by yaw and translation, ``error_m`` the distance of the two.
+    to the estimate's first pose by yaw and translation, ``error_m`` the distance of the two. ``head`` is how still the
+    head is, ``head_settings`` how it is held, ``notice`` what the operator should know of the gait, ``refusals`` the
+    last commands that were not obeyed.
     """
 
     t_ns: int
@@ -102,6 +128,9 @@ class Tick:
     error_m: float | None
     distance_m: float | None
     map_points: int
+    head_settings: HeadSettings | None = None
+    notice: str | None = None
+    refusals: tuple[Refusal, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

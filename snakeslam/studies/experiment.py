@@ -16,6 +16,7 @@ from typing import Any
 from snakeslam.backends.base import Backend
 from snakeslam.backends.replay.backend import ReplayBackend
 from snakeslam.config import Config
+from snakeslam.control import Control
 from snakeslam.errors import InputError
 from snakeslam.gaits.catalogue import resolve
 from snakeslam.mapping.export import write_ply
@@ -31,6 +32,8 @@ from snakeslam.studies.recorder import Recorder
 from snakeslam.studies.run_directory import default_out, new_directory
 
 Progress = Callable[[float], None]
+START_UP_PERIODS = 2
+"""The head is judged once the gait has formed."""
 PACKAGES = ("snakeslam", "numpy", "scipy", "opencv-python-headless", "pybullet")
 
 
@@ -56,7 +59,7 @@ def run_experiment(
     """
     if recording is None:
         # What the joints cannot do is said before a simulator starts.
-        resolve(config.gait, snake_model(config.robot))
+        Control(snake_model(config.robot), config.gait, config.head)
     place = out or default_out(recording.resolve().name if recording else f"{config.gait.name}-s{config.run.seed}")
     with new_directory(place) as part, closing(build_backend(config, recording)) as backend:
         config = fit_to_recording(config, backend)
@@ -102,7 +105,8 @@ def _evaluate(config: Config, backend: Backend, recorder: Recorder, wall_s: floa
     head = None
     if not isinstance(backend, ReplayBackend) and backend.model is not None and recorder.first_ns is not None:
         period_s = 2.0 * math.pi / resolve(config.gait, backend.model).omega
-        head = HeadWindow(recorder.first_ns + round((config.run.rest_s + period_s) * 1e9), period_s)
+        start_up_s = config.run.rest_s + START_UP_PERIODS * period_s
+        head = HeadWindow(recorder.first_ns + round(start_up_s * 1e9), period_s)
     return evaluate(
         recorder.updates,
         recorder.truth,

@@ -47,7 +47,8 @@ def test_it_lies_still_and_the_ground_bears_its_weight(make, model):
     start, _, _ = physics.head_state()
     _steps(physics, 1.0)
     T_WI, v_W, w_I = physics.head_state()
-    assert np.linalg.norm(T_WI[:3, 3] - start[:3, 3]) < 0.004
+    # The skin gives by a millimetre, more under the raised neck.
+    assert np.linalg.norm(T_WI[:3, 3] - start[:3, 3]) < 0.007
     assert np.linalg.norm(v_W) < 1e-6
     assert np.linalg.norm(w_I) < 1e-6
     assert _weight_borne_n(physics) == pytest.approx(36 * model.link_mass_kg * 9.81, rel=0.02)

@@ -5,9 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from snakeslam.gaits.blend import GaitBlend
+from snakeslam.gaits.blend import GaitBlend, plain_shape
 from snakeslam.gaits.catalogue import CATALOGUE, GaitSettings, resolve
 from snakeslam.gaits.posture import posed_angles
+from snakeslam.head.laws import shape_of
+from snakeslam.head.neck import neck_of
 from snakeslam.robot.model import PRESETS
 
 DT_S = 0.01
@@ -94,3 +96,63 @@ def test_a_turn_commanded_twenty_times_a_second_is_smooth():
     turns = np.sin(np.arange(80) / 5.0)
     angles, _ = _play([(GaitSettings(), float(turn), 1.0, 5) for turn in turns])
     assert np.max(np.abs(np.diff(angles, 2, axis=0))) / DT_S**2 < 0.5 * MODEL.limits.acceleration_rad_s2
+
+
+SHAPES = {name: shape_of(name, MODEL, neck_of(MODEL, 6)) for name in ("none", "direction", "position")}
+
+
+def _winding(shape, steps, alpha_pi=0.5):
+    blend = GaitBlend(MODEL, resolve(GaitSettings(alpha_pi=alpha_pi), MODEL), MODEL.rest_q_rad, SHAPES[shape])
+    return blend, [blend.step(1.0, DT_S) for _ in range(steps)]
+
+
+@pytest.mark.parametrize("after", ["none", "direction", "position"])
+@pytest.mark.parametrize("before", ["none", "direction", "position"])
+def test_a_change_of_shape_has_no_step_at_any_phase_and_settles(before, after):
+    for steps in range(200, 600, 80):
+        blend, angles = _winding(before, steps)
+        blend.set_shape(SHAPES[after])
+        angles += [blend.step(1.0, DT_S) for _ in range(300)]
+        near = np.array(angles[steps - 20 :])
+        assert np.max(np.abs(np.diff(near, 2, axis=0))) / DT_S**2 < 0.5 * MODEL.limits.acceleration_rad_s2
+        np.testing.assert_allclose(near[-1], SHAPES[after](blend.gait, blend.sigma)[0], atol=0.02)
+
+
+def test_the_plain_shape_is_the_posture():
+    gait = resolve(GaitSettings(), MODEL)
+    np.testing.assert_array_equal(plain_shape(MODEL)(gait, 1.2), posed_angles(gait, MODEL, 1.2))
+    np.testing.assert_array_equal(plain_shape(MODEL)(gait, 1.2), SHAPES["none"](gait, 1.2))
+
+
+def test_the_slope_of_a_shape_counts_in_a_change():
+    """With a slope that lies, the change would begin with another rate: the neck's own is taken."""
+    blend, angles = _winding("position", 330)
+    gait = blend.gait
+    q_rad, slope = SHAPES["position"](gait, blend.sigma)
+    np.testing.assert_allclose((angles[-1] - angles[-2]) / DT_S, slope * gait.omega, atol=0.02)
+    np.testing.assert_allclose(angles[-1], q_rad, atol=0.01)
+
+
+@pytest.mark.parametrize("drive", [1.0, -1.0, 0.5])
+def test_taking_up_other_angles_goes_on_from_them_with_their_rates(drive):
+    blend, _ = _winding("position", 250)
+    for _ in range(120):
+        last = blend.step(drive, DT_S)
+    rng = np.random.default_rng(0)
+    q_rad, dq_rad_s = last + rng.uniform(-0.3, 0.3, 35), rng.uniform(-1.0, 1.0, 35)
+    blend.take_up(q_rad, dq_rad_s)
+    first, second = blend.step(drive, DT_S), blend.step(drive, DT_S)
+    assert np.max(np.abs(first - q_rad - dq_rad_s * DT_S)) < 2e-3
+    np.testing.assert_allclose((second - first) / DT_S, dq_rad_s, atol=0.25)
+    for _ in range(600):
+        last = blend.step(drive, DT_S)
+    np.testing.assert_allclose(last, SHAPES["position"](blend.gait, blend.sigma)[0], atol=0.02)
+
+
+def test_taking_up_angles_at_rest_stays_there():
+    blend, _ = _winding("direction", 200)
+    for _ in range(60):
+        blend.step(0.0, DT_S)
+    q_rad = np.linspace(-0.5, 0.5, 35)
+    blend.take_up(q_rad, np.full(35, 0.7))
+    np.testing.assert_allclose(blend.step(0.0, DT_S), q_rad, atol=1e-12)

@@ -14,11 +14,11 @@ import pytest
 
 from snakeslam.config import Config
 from snakeslam.geometry import se3, so3
-from snakeslam.messages import GaitCommand, GroundTruth, Health, MapChunk, PoseEstimate, Verdict
+from snakeslam.head.settings import HeadSettings
+from snakeslam.messages import GaitCommand, GroundTruth, HeadCommand, MapChunk
 from snakeslam.robot.model import RobotSettings
 from snakeslam.runtime.live import TruthView
 from snakeslam.runtime.session import Session, SessionSpec, start_session
-from snakeslam.runtime.stillness import HeadStillness
 from snakeslam.runtime.topics import (
     Ended,
     EStop,
@@ -27,6 +27,7 @@ from snakeslam.runtime.topics import (
     Report,
     ResetEStop,
     SetGait,
+    SetHead,
     Shutdown,
     Start,
     Started,
@@ -142,6 +143,57 @@ def test_a_gait_set_at_rest_is_the_one_that_starts() -> None:
     assert (bench.tick.gait.gait, bench.tick.gait.period_s, bench.tick.gait.drive) == ("sidewinding", 5.0, 0.0)
 
 
+def events(bench: Bench) -> list[tuple[str, str]]:
+    return [(report.level, report.text) for report in bench.reports if isinstance(report, Event)]
+
+
+def test_the_head_is_set_while_moving_and_told() -> None:
+    bench = Bench()
+    bench.session.take(Start())
+    bench.steps(200)
+    bench.session.take(SetHead(HeadCommand(0, "none", neck_joints=5)))
+    assert bench.tick.head_settings == HeadSettings(neck_joints=5)
+    assert bench.tick.refusals == ()
+    assert ("info", "neck of 5 yaw joints") in events(bench)
+    assert bench.tick.moving
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        SetHead(HeadCommand(0, "steady")),
+        SetHead(HeadCommand(0, neck_joints=99)),
+        SetHead(HeadCommand(0, "none", turn_by_deg=15.0)),
+        SetGait(GaitCommand(0, "flying")),
+        SetGait(GaitCommand(0, "serpentine", alpha_pi=0.7, period_s=0.5)),
+    ],
+)
+def test_what_cannot_be_done_is_told_and_changes_nothing(command: SetHead | SetGait) -> None:
+    bench, untouched = Bench(), Bench()
+    for one in (bench, untouched):
+        one.session.take(Start())
+        one.steps(200)
+    bench.session.take(command)
+    tick = bench.tick
+    assert tick.commands_done == 2
+    assert [refusal.number for refusal in tick.refusals] == [2]
+    assert ("error", tick.refusals[0].reason) in events(bench)
+    assert (tick.gait, tick.head_settings) == (untouched.tick.gait, untouched.tick.head_settings)
+    assert np.array_equal(bench.steps(100), untouched.steps(100))
+
+
+def test_a_gait_that_barely_advances_is_told_and_its_period_is_the_window() -> None:
+    bench = Bench()
+    assert bench.tick.notice is None
+    assert bench.tick.head.window_s == pytest.approx(4.0)
+    bench.session.take(SetGait(GaitCommand(0, "serpentine", alpha_pi=0.7, wavelength_joints=20, period_s=8.0)))
+    assert bench.tick.notice is not None
+    assert "11 %" in bench.tick.notice
+    assert bench.tick.head.window_s == pytest.approx(8.0)
+    bench.session.take(SetGait(GaitCommand(0, "pedal")))
+    assert bench.tick.notice is None
+
+
 def test_links_hang_on_the_estimate() -> None:
     bench = Bench(frame_every=5)
     bench.steps(30)
@@ -254,18 +306,3 @@ def test_without_gravity_the_truth_is_brought_wholly_to_the_first_pose() -> None
     aligned = view.at(0, np.eye(4))
     assert aligned is not None
     assert np.allclose(aligned, np.eye(4))
-
-
-def test_sway_is_measured_across_the_path() -> None:
-    still = HeadStillness(window_s=4.0)
-    for t_s in np.arange(0.0, 8.0, 0.05):
-        T = np.eye(4)
-        # Forward along 30 degrees with a sideways swing of +-4 cm, one period each 2 s.
-        along, across = 0.05 * t_s, 0.04 * np.sin(np.pi * t_s)
-        c, s = np.cos(np.pi / 6), np.sin(np.pi / 6)
-        T[:2, 3] = [c * along - s * across, s * along + c * across]
-        health = Health(Verdict.GOOD)
-        still.on_pose(PoseEstimate(round(t_s * 1e9), T, np.zeros(3), np.eye(9), health))
-    motion = still.motion()
-    assert motion.sway_m == pytest.approx(0.08, abs=0.012)
-    assert motion.yaw_deg == pytest.approx(0.0)

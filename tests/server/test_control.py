@@ -12,7 +12,9 @@ def state(client: httpx.Client) -> dict:
 
 def test_state_says_what_the_contract_promises(client: httpx.Client) -> None:
     found = state(client)
-    keys = "source t_s moving estop gait robot estimator health realtime_factor session message"
+    keys = (
+        "source t_s moving estop gait notice head_control head robot estimator health realtime_factor session message"
+    )
     assert set(found) == set(keys.split())
     assert found["source"] == {"kind": "sim", "name": "simulator"}
     assert found["robot"] == {"model": "orthogonal24", "joints": 24}

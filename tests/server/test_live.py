@@ -4,16 +4,30 @@ import asyncio
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from http import HTTPStatus
 from multiprocessing import Pipe
 from multiprocessing.connection import Connection
 
 import numpy as np
 
 from server.live import Live
+from server.problem import Problem
 from snakeslam.config import Config
-from snakeslam.messages import Health, Verdict
+from snakeslam.messages import HeadCommand, Health, Verdict
 from snakeslam.runtime.session import SessionSpec
-from snakeslam.runtime.topics import Command, EStop, HeadMotion, Report, ResetEStop, Shutdown, Started, Tick
+from snakeslam.runtime.topics import (
+    Command,
+    EStop,
+    HeadMotion,
+    Refusal,
+    Report,
+    ResetEStop,
+    SetHead,
+    Shutdown,
+    Start,
+    Started,
+    Tick,
+)
 
 TICK = Tick(
     t_ns=0,
@@ -57,7 +71,11 @@ class SlowSession:
             self.before_obeying(command)
             self.pipe.send(self.tick)
             reason = command.reason if isinstance(command, EStop) else None
-            self.tick = replace(self.tick, estop_reason=reason, commands_done=self.tick.commands_done + 1)
+            number = self.tick.commands_done + 1
+            refusals = self.tick.refusals
+            if isinstance(command, SetHead):
+                refusals = (*refusals, Refusal(number, f"head.controller: {command.head.controller} cannot be"))
+            self.tick = replace(self.tick, estop_reason=reason, commands_done=number, refusals=refusals)
             self.pipe.send(self.tick)
         self.pipe.close()
 
@@ -125,5 +143,24 @@ def test_an_estop_during_a_reset_stays() -> None:
             assert live.estop_reason is not None
         finally:
             await live.stop()
+
+    asyncio.run(scenario())
+
+
+def test_who_is_refused_hears_it_and_nobody_else() -> None:
+    """The session's word on one command comes with that of others, as the newest tick replaces those before it."""
+
+    async def scenario() -> None:
+        live = await live_session([])
+        try:
+            commands = (SetHead(HeadCommand(0, "first")), Start(), SetHead(HeadCommand(0, "second")), Start())
+            answers = await asyncio.gather(*(live.command(command) for command in commands), return_exceptions=True)
+        finally:
+            await live.stop()
+        assert [answer is None for answer in answers] == [False, True, False, True]
+        for answer, name in ((answers[0], "first"), (answers[2], "second")):
+            assert isinstance(answer, Problem)
+            assert answer.status == HTTPStatus.CONFLICT
+            assert name in answer.detail
 
     asyncio.run(scenario())

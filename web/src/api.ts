@@ -1,6 +1,6 @@
 // The typed client of /api/v1: every refusal becomes one clear line.
 
-import type { GaitAnswer, GaitRequest, Overrides, Recording, RobotState, Run, RunRequest } from "./types";
+import type { GaitAnswer, GaitRequest, HeadAnswer, HeadRequest, Overrides, Recording, RobotState, Run, RunRequest } from "./types";
 
 const PREFIX = "/api/v1";
 const TIMEOUT_MS = 10_000;
@@ -50,6 +50,8 @@ export const api = {
   signIn: (token: string) => request<unknown>("POST", "/session", { token }),
   gait: () => request<GaitAnswer>("GET", "/gait"),
   setGait: (gait: GaitRequest) => request<unknown>("PUT", "/gait", gait),
+  head: () => request<HeadAnswer>("GET", "/head"),
+  setHead: (head: HeadRequest) => request<unknown>("PUT", "/head", head),
   start: () => request<unknown>("POST", "/gait/start"),
   stop: () => request<unknown>("POST", "/gait/stop"),
   // Short: a stop that does not get through must be tried again soon.

@@ -10,6 +10,7 @@ import { mountEstimator } from "./panels/estimator";
 import { mountEvents } from "./panels/events";
 import { mountGaits } from "./panels/gaits";
 import { mountHead } from "./panels/head";
+import { mountHeadControl } from "./panels/headcontrol";
 import { mountHelp } from "./panels/help";
 import { mountJoints } from "./panels/joints";
 import { mountParameters } from "./panels/parameters";
@@ -44,6 +45,7 @@ function start(): void {
   mountCamera(app);
   mountEstimator(app);
   mountHead(app);
+  mountHeadControl(app);
   mountTabs(byId("dock-tabs"));
   mountJoints(app);
   mountRuns(app);

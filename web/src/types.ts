@@ -30,6 +30,43 @@ export interface GaitAnswer {
   catalogue: GaitEntry[];
 }
 
+export interface HeadControl {
+  controller: string;
+  neck_joints: number;
+}
+
+/** PUT /head: what is left out stays; a positive turn is to the left. */
+export type HeadRequest = Partial<HeadControl> & { turn_by_deg?: number };
+
+export interface HeadEntry {
+  name: string;
+  title: string;
+  summary: string;
+  /** Whether its reference line, and so the robot, can be turned. */
+  steers: boolean;
+  available: boolean;
+  /** Why it is not available. */
+  reason: string | null;
+}
+
+export interface HeadAnswer {
+  current: HeadControl | null;
+  controllers: HeadEntry[];
+  neck_joints: { min: number; max: number; default: number };
+  turn_by_deg: { min: number; max: number };
+}
+
+/** How still the head is over the last `window_s`; the yaw is the deviation from the mean heading. */
+export interface HeadMotion {
+  yaw_deg: number | null;
+  yaw_rms_deg: number | null;
+  yaw_rate_deg_s: number | null;
+  peak_yaw_rate_deg_s: number | null;
+  sway_m: number | null;
+  heading_deg: number | null;
+  window_s: number | null;
+}
+
 export type Verdict = "initialising" | "good" | "degraded" | "blind" | "lost";
 
 export interface Health {
@@ -44,6 +81,10 @@ export interface RobotState {
   moving: boolean;
   estop: { latched: boolean; reason: string | null };
   gait: GaitState;
+  /** What the operator should know of the gait, such as that it barely advances. */
+  notice: string | null;
+  /** Null without a robot. */
+  head_control: HeadControl | null;
   robot: { model: string; joints: number };
   estimator: { mode: string };
   health: Health;
@@ -59,7 +100,7 @@ export interface Tick {
   q_target: number[];
   q_measured: number[];
   moving: boolean;
-  head: { yaw_deg: number | null; yaw_rate_deg_s: number | null; sway_m: number | null };
+  head: HeadMotion;
   health: Health;
   error_m: number | null;
   distance_m: number | null;

@@ -137,7 +137,16 @@ class SnakePhysics:
         pybullet.resetBasePositionAndOrientation(body, com_W.tolist(), quat_xyzw.tolist(), physicsClientId=client)
         for link in range(-1, self.model.joint_count):
             pybullet.changeDynamics(
-                body, link, lateralFriction=0, linearDamping=0, angularDamping=0, jointDamping=0, physicsClientId=client
+                body,
+                link,
+                lateralFriction=0,
+                linearDamping=0,
+                angularDamping=0,
+                jointDamping=0,
+                # A rigid chain on rigid ground bears its weight anywhere: the solver left it all on the front spheres.
+                contactStiffness=self.settings.contact_stiffness_n_m,
+                contactDamping=self.settings.contact_damping_n_s_m,
+                physicsClientId=client,
             )
         for joint, angle in enumerate(q_rad.tolist()):
             pybullet.resetJointState(body, joint, angle, physicsClientId=client)

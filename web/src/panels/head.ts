@@ -1,28 +1,36 @@
 // How still the head is held: what the camera's picture depends on.
 
 import type { App } from "../app";
-import { byId, h } from "../dom";
+import { byId, h, setText } from "../dom";
 import { fixed, scaled } from "../format";
 import { Sparkline } from "../sparkline";
 import { Readout } from "./readout";
 
 export function mountHead(app: App): void {
-  const yaw = new Readout({ id: "head-yaw", label: "Yaw", unit: "\u00b0", trend: new Sparkline(300, 10, true) });
-  const rate = new Readout({ id: "head-rate", label: "Yaw rate", unit: "\u00b0/s", trend: new Sparkline(300, 10, true) });
-  const sway = new Readout({ id: "head-sway", label: "Sway (p\u2013p)", unit: "cm", trend: new Sparkline(300, 2) });
-  yaw.root.title = "Heading of the head against the direction of travel";
+  const trend = (least: number, symmetric = false) => new Sparkline(300, least, symmetric);
+  const yaw = new Readout({ id: "head-yaw", label: "Yaw", unit: "\u00b0", trend: trend(10, true), detail: true });
+  const rate = new Readout({ id: "head-rate", label: "Yaw rate", unit: "\u00b0/s", trend: trend(10, true), detail: true });
+  const sway = new Readout({ id: "head-sway", label: "Sway", unit: "cm", trend: trend(2), detail: true });
+  yaw.root.title = "Heading of the head against its mean heading";
   rate.root.title = "How fast the head turns; fast turns blur the picture";
-  sway.root.title = "Sideways motion of the head over the last seconds, peak to peak";
+  sway.root.title = "Motion of the head across its way, peak to peak";
+  const over = h("span", { class: "muted num", id: "head-window" });
+  const heading = h("span", { class: "muted num", id: "head-heading", title: "Mean heading; left is positive" });
   byId("head").append(
-    h("header", { class: "panel-head" }, h("h2", {}, "Head stillness")),
+    h("header", { class: "panel-head" }, h("h2", {}, "Head stillness"), heading, over),
     yaw.root,
     rate.root,
     sway.root,
   );
   app.tick.on(({ head }) => {
     yaw.set(fixed(head.yaw_deg, 1), head.yaw_deg);
+    yaw.setDetail(`RMS ${fixed(head.yaw_rms_deg, 1)}\u00b0`);
     rate.set(fixed(head.yaw_rate_deg_s, 1), head.yaw_rate_deg_s);
+    rate.setDetail(`peak ${fixed(head.peak_yaw_rate_deg_s, 0)}\u00b0/s`);
     sway.set(scaled(head.sway_m, 100, 1), head.sway_m === null ? null : head.sway_m * 100);
+    sway.setDetail("peak to peak");
+    setText(heading, `heading ${fixed(head.heading_deg, 0)}\u00b0`);
+    setText(over, head.window_s === null ? "" : `over ${fixed(head.window_s, 1)} s`);
   });
   window.setInterval(() => [yaw, rate, sway].forEach((readout) => readout.draw()), 200);
 }

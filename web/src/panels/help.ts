@@ -11,7 +11,8 @@ const KEYS: [string, string][] = [
 
 const WORDS: [string, string][] = [
   ["Emergency stop", "Latches: the robot holds still until Reset and then Start."],
-  ["Yaw, yaw rate, sway", "How the head moves against the direction of travel. A still head gives sharp pictures."],
+  ["Yaw, yaw rate, sway", "How the head moves about its mean heading and across its way, over the last period of the gait. A still head gives sharp pictures."],
+  ["Head control", "Bends the front joints (the neck) against the body's swing. Arrow keys look at the controllers, Enter chooses one."],
   ["Error", "Position error against the simulator's truth; a real robot or a recording without truth has none."],
   ["Real time", "1.00 \u00d7 means that simulated time keeps up with the clock."],
 ];

@@ -2,7 +2,7 @@
 
 import { api } from "../api";
 import type { App } from "../app";
-import { byId, h, setText } from "../dom";
+import { byId, h, icon, setText } from "../dom";
 import { fixed, stepDecimals, unitSign } from "../format";
 import { besselJ0 } from "../snake";
 import type { GaitEntry, GaitParameter, ParameterKey, ParameterValues } from "../types";
@@ -83,9 +83,11 @@ class ParametersPanel {
   private readonly list = h("div", { class: "fields" });
   private readonly hint = h("p", { class: "hint", "aria-live": "polite" });
   private readonly summary = h("p", { class: "gait-summary" });
+  private readonly noticeText = h("span");
+  private readonly notice = h("p", { class: "caution", id: "gait-notice", role: "status" }, icon("warn"), this.noticeText);
   private readonly apply = h("button", { class: "button primary", type: "submit", id: "gait-apply" }, "Apply");
   private readonly restore = h("button", { class: "button", type: "button", id: "gait-defaults" }, "Defaults");
-  private readonly group = h("fieldset", {}, this.list, this.hint, h("div", { class: "row" }, this.restore, this.apply));
+  private readonly group = h("fieldset", {}, this.list, this.notice, this.hint, h("div", { class: "row" }, this.restore, this.apply));
 
   constructor(private readonly app: App) {
     const form = h("form", { novalidate: true, "aria-label": "Gait parameters" }, this.summary, this.group);
@@ -107,6 +109,8 @@ class ParametersPanel {
     if (entry !== this.entry) this.build(entry);
     if (entry && !this.edited) this.fill(inForce(entry, state));
     this.group.disabled = !this.app.commandable;
+    this.notice.hidden = !state?.notice;
+    setText(this.noticeText, state?.notice ? `${state.notice}.` : "");
     this.mark();
   }
 
@@ -137,13 +141,11 @@ class ParametersPanel {
     setText(this.hint, wrong ? "A value is outside its limits." : this.advice());
   }
 
-  /** The ideal serpenoid body advances J0(alpha) of its wave: nothing at .77 pi. */
+  /** The ideal serpenoid body advances J0(alpha) of its wave: nothing at .77 pi. The notice says it where it is little. */
   private advice(): string {
     const alpha = this.fields.find((field) => field.key === "alpha_pi");
-    if (this.entry?.name !== "serpentine" || !alpha) return "";
-    const share = besselJ0(alpha.value * Math.PI);
-    const slow = share < 0.3 ? " It hardly moves forward." : "";
-    return `At this angle an ideal body advances ${fixed(100 * share, 0)} % of the wave.${slow}`;
+    if (this.entry?.name !== "serpentine" || !alpha || (!this.edited && this.app.state.get()?.notice)) return "";
+    return `At this angle an ideal body advances ${fixed(100 * besselJ0(alpha.value * Math.PI), 0)} % of the wave.`;
   }
 
   private async send(): Promise<void> {

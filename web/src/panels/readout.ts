@@ -9,20 +9,24 @@ export interface ReadoutOptions {
   unit: string;
   title?: string;
   trend?: Sparkline;
+  /** A second line under the name, set by `setDetail`. */
+  detail?: boolean;
 }
 
 export class Readout {
   readonly root: HTMLElement;
   private readonly number = h("span", { class: "num" }, "\u2013");
   private readonly trend: Sparkline | undefined;
+  private readonly detail = h("span", { class: "readout-detail num" });
 
-  constructor({ id, label, unit, title, trend }: ReadoutOptions) {
+  constructor({ id, label, unit, title, trend, detail }: ReadoutOptions) {
     this.number.id = id;
+    this.detail.id = `${id}-detail`;
     this.trend = trend;
     this.root = h(
       "div",
       { class: "readout", title: title ?? null },
-      h("span", { class: "readout-label" }, label),
+      h("span", { class: "readout-label" }, label, detail === true && this.detail),
       trend?.canvas ?? h("span"),
       h("span", { class: "readout-value" }, this.number, h("span", { class: "unit" }, unit)),
     );
@@ -31,6 +35,10 @@ export class Readout {
   set(text: string, value?: number | null): void {
     setText(this.number, text);
     if (value !== undefined) this.trend?.push(value);
+  }
+
+  setDetail(text: string): void {
+    setText(this.detail, text);
   }
 
   draw(): void {

@@ -1,0 +1,113 @@
+"""The head controller in force: the shape that it lays over the gait, and what it does to the targets."""
+
+import numpy as np
+
+from snakeslam.gaits.blend import GaitBlend, Shape
+from snakeslam.gaits.catalogue import ResolvedGait
+from snakeslam.head.attitude import HeadAttitude
+from snakeslam.head.laws import shape_of, steers_head
+from snakeslam.head.level import LevelNeck
+from snakeslam.head.line import HeadLine
+from snakeslam.head.neck import neck_of
+from snakeslam.head.predictive import PredictiveNeck
+from snakeslam.head.settings import HeadSettings
+from snakeslam.messages import Float, ImuSample, JointState, PoseEstimate
+from snakeslam.robot.kinematics import link_poses_from_imu
+from snakeslam.robot.model import SnakeModel
+from snakeslam.robot.support import posture_loads
+
+
+class HeadSense:
+    """What is known of the head, whatever controls it: the line and the attitude, brought up to date each step."""
+
+    def __init__(self) -> None:
+        self.line = HeadLine()
+        self.attitude = HeadAttitude()
+        self.gyro_I: Float = np.zeros(3)
+
+    def update(self, t_ns: int, pose: PoseEstimate | None, imu: ImuSample | None) -> None:
+        """Go on to ``t_ns`` with the newest estimate and IMU sample."""
+        self.line.update(t_ns, pose, imu)
+        self.attitude.update(t_ns, pose, imu)
+        if imu is not None:
+            self.gyro_I = imu.gyro_I
+
+
+class HeadControl:
+    """One controller with its settings; made anew for others, but for what is sensed."""
+
+    def __init__(self, model: SnakeModel, settings: HeadSettings, sense: HeadSense) -> None:
+        self.settings = settings
+        self.sense = sense
+        self._model = model
+        self._neck = neck_of(model, settings.neck_joints)
+        self._loads = posture_loads(model)
+        self._hand: PredictiveNeck | LevelNeck | None = None
+        self._q_rad: Float = model.rest_q_rad
+        self.shape: Shape = shape_of(settings.controller, model, self._neck)
+
+    def feeds_back(self, gait: ResolvedGait) -> bool:
+        """Return whether the neck's targets come from here in this gait, not from the blend.
+
+        A rolling arc carries its raised head by the gait's own phase.
+        """
+        return self.settings.controller == "predictive" and gait.name != "arc_rolling"
+
+    def steers(self, gait: ResolvedGait) -> bool:
+        """Return whether the robot follows the head's line in this gait."""
+        return self.feeds_back(gait) and steers_head(gait)
+
+    @property
+    def engaged(self) -> bool:
+        """Whether the neck's targets come from here now."""
+        return self._hand is not None
+
+    def disengage(self) -> None:
+        """Leave the neck to the blend."""
+        self._hand = None
+
+    def step(self, q_rad: Float, blend: GaitBlend, now_rad: Float, joints: JointState | None, dt_s: float) -> Float:
+        """Return the targets (N,) rad: ``q_rad`` of the blend with the neck's angles in place of its own.
+
+        ``now_rad`` (N,) are the targets of the step before. ``sense`` has been brought up to date.
+        """
+        gait = blend.gait
+        if self._hand is None or isinstance(self._hand, PredictiveNeck) != steers_head(gait):
+            self._take_over(gait, now_rad, q_rad)
+        dq_rad_s, self._q_rad = (q_rad - self._q_rad) / dt_s, q_rad
+        q_rad = q_rad.copy()
+        if isinstance(self._hand, PredictiveNeck):
+            period_s = 2.0 * np.pi / gait.omega
+            errors = self.sense.line.errors
+            q_rad[self._hand.neck.joints] = self._hand.step(q_rad, dq_rad_s, errors, blend.pace, period_s, dt_s)
+        elif self._hand is not None:
+            q_rad[self._hand.joints] = self._hand.step(
+                q_rad,
+                joints,
+                self.sense.gyro_I,
+                self.sense.attitude.R_WI,
+                self.sense.line.heading_rad,
+                blend.sigma,
+                blend.pace * gait.omega,
+                dt_s,
+            )
+        return q_rad
+
+    def _take_over(self, gait: ResolvedGait, now_rad: Float, q_rad: Float) -> None:
+        """Begin from the present targets ``now_rad``."""
+        if steers_head(gait):
+            ratio = self.settings.friction_ratio
+            self._hand = PredictiveNeck(self._model, self._neck, self._loads, ratio, now_rad[self._neck.joints])
+        else:
+            joints = np.arange(self._model.joint_count - self.settings.neck_joints, self._model.joint_count)
+            self._hand = LevelNeck(self._model, joints, now_rad[joints], holds_roll=not gait.rolls)
+        self._lay_line(now_rad)
+        self._q_rad = q_rad
+
+    def _lay_line(self, q_rad: Float) -> None:
+        """Lay the line along the body: through its middle, in its mean direction."""
+        T_WI = np.eye(4)
+        T_WI[:3, :3] = self.sense.attitude.R_WI
+        Ts_WL = link_poses_from_imu(self._model, q_rad, T_WI)
+        along, middle_W = np.sum(Ts_WL[:, :2, 0], axis=0), np.mean(Ts_WL[:, :2, 3], axis=0)
+        self.sense.line.lay(float(np.arctan2(along[1], along[0])), middle_W)

@@ -1,0 +1,83 @@
+"""The closed-form head controllers as shapes of the whole body: a gait and its phase in, joint angles out.
+
+They hold for the serpentine gait; every other gait keeps its own angles. The gait of Eq. (1) winds as the heading
+phi(s) = -alpha cos(b s + sigma), the mirror image of the paper's, with alpha = A_o / (2 sin(b l0)).
+"""
+
+import numpy as np
+
+from snakeslam.errors import InputError
+from snakeslam.gaits.blend import Shape
+from snakeslam.gaits.catalogue import ResolvedGait
+from snakeslam.gaits.posture import posed_angles
+from snakeslam.gaits.serpenoid import alpha_from_amplitude
+from snakeslam.head import direction, position
+from snakeslam.head.neck import Neck, neck_of
+from snakeslam.head.settings import HeadController, HeadSettings
+from snakeslam.messages import Float
+from snakeslam.robot.model import SnakeModel
+
+SLOPE_STEP_RAD = 1e-4
+PHASES = 72
+"""Phases at which the neck's largest angle is looked for."""
+
+
+def shape_of(controller: HeadController, model: SnakeModel, neck: Neck) -> Shape:
+    """Return the angles (N,) rad, and their slope d/d(sigma), of a gait under a closed-form controller.
+
+    ``predictive`` has the shape of ``position``, from which it departs by feedback.
+    """
+
+    def shape(gait: ResolvedGait, sigma: float) -> tuple[Float, Float]:
+        q_rad, slope = posed_angles(gait, model, sigma)
+        if controller != "none" and steers_head(gait):
+            ahead, behind = (
+                neck_angles(controller, gait, model, neck, sigma + h) for h in (SLOPE_STEP_RAD, -SLOPE_STEP_RAD)
+            )
+            q_rad[neck.joints] = (ahead + behind) / 2.0
+            slope[neck.joints] = (ahead - behind) / (2.0 * SLOPE_STEP_RAD)
+        return q_rad, slope
+
+    return shape
+
+
+def steers_head(gait: ResolvedGait) -> bool:
+    """Return whether the closed forms hold for this gait: they are made for the serpenoid curve."""
+    return gait.name == "serpentine"
+
+
+def neck_angles(controller: HeadController, gait: ResolvedGait, model: SnakeModel, neck: Neck, sigma: float) -> Float:
+    """Return the angles of the neck's joints, (n,) rad; a turning gait's offset beta_o bends the neck as well."""
+    wave, l0 = gait.shape, model.joint_length_m
+    alpha = -alpha_from_amplitude(wave.amplitude_o, 2.0 * np.pi / wave.k_o)
+    b = wave.k_o / l0
+    u = b * neck.s_M_m + wave.harmonic_o * sigma
+    phi_M = float(alpha * np.cos(u))
+    if controller == "direction":
+        headings = direction.arc_heading(phi_M, neck.sections_m, neck.s_M_m, neck.s_N_m)
+    else:
+        f_M = position.difference(position.lateral_position_m(alpha, b, u), phi_M, neck.length_m)
+        headings = position.heading(phi_M, f_M, neck.sections_m, neck.s_M_m, neck.s_N_m)
+    return wave.beta_o + direction.joint_angles(headings)
+
+
+def check(settings: HeadSettings, model: SnakeModel, gait: ResolvedGait) -> None:
+    """Raise InputError for a neck that the body does not have, or whose joints would have to bend too far."""
+    neck = neck_of(model, settings.neck_joints)
+    if settings.controller == "none" or not steers_head(gait):
+        return
+    largest = largest_neck_angle(settings.controller, gait, model, neck)
+    limit = model.limits.position_rad
+    if largest > limit:
+        raise InputError(
+            "head.neck_joints",
+            f"{settings.neck_joints} yaw joints would bend {np.rad2deg(largest):.0f} deg in this gait",
+            f"at most {np.rad2deg(limit):.0f} deg: more neck joints, or less gait.alpha_pi",
+        )
+
+
+def largest_neck_angle(controller: HeadController, gait: ResolvedGait, model: SnakeModel, neck: Neck) -> float:
+    """Return the largest angle of a neck joint over a period, in rad."""
+    sigmas = np.linspace(0.0, 2.0 * np.pi, PHASES, endpoint=False)
+    angles = [neck_angles(controller, gait, model, neck, float(sigma)) for sigma in sigmas]
+    return float(np.max(np.abs(angles)))

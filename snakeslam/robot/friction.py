@@ -1,0 +1,124 @@
+"""How a body that slides on its belly moves when its joints move: zero net friction gives the head's motion.
+
+The resistive law is linear in the velocities (viscous, stiffer across a link than along it) and gives a map from joint
+rates to the head's planar twist, for control. Coulomb's law needs the loads and an iteration, serves every gait in 3D,
+and gives the head's velocity with its covariance, for odometry.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from snakeslam.messages import Float
+from snakeslam.robot.ground import Ground, level
+from snakeslam.robot.kinematics import link_poses_from_imu
+from snakeslam.robot.model import SnakeModel
+
+ROUNDS = 30
+ENOUGH_M_S = 1e-5
+SLIP_M_S = 0.02
+"""Slips below this resist in proportion to their speed."""
+FLOOR_M_S = 0.005
+
+
+def link_motion(model: SnakeModel, Ts_WL: Float) -> tuple[Float, Float]:
+    """Return how joint rates move the links' centres while the head's link is held.
+
+    Velocities (N + 1, 3, N) in m/s and angular rates (N + 1, 3, N) in rad/s per rad/s, in W.
+    """
+    centres_W = Ts_WL[:, :3, 3] + Ts_WL[:, :3, :3] @ model.com_L
+    axes_W = np.einsum("nij,nj->ni", Ts_WL[1:, :3, :3], model.axes_L)
+    arms_W = centres_W[:, None] - Ts_WL[None, 1:, :3, 3]
+    behind = np.arange(model.link_count)[:, None] <= np.arange(model.joint_count)
+    turn = np.where(behind[..., None], -axes_W, 0.0)
+    (ax, ay, az), (x, y, z) = np.moveaxis(turn, -1, 0), np.moveaxis(arms_W, -1, 0)
+    velocity = np.stack([ay * z - az * y, az * x - ax * z, ax * y - ay * x], axis=1)
+    return velocity, np.moveaxis(turn, -1, 1)
+
+
+def resistive_map(model: SnakeModel, q_rad: Float, T_WI: Float, loads: Float, ratio: float) -> Float:
+    """Return the map from joint rates to the planar twist (v_x, v_y, w_z) of the IMU in W, (3, N).
+
+    Each link i resists with sqrt(w_i) { sqrt(c_t l) v_t, sqrt(c_n l) v_n, sqrt(c_n l^3 / 12) w } = A x + B dq; zero net
+    force and moment is x = -(A^T A)^-1 A^T B dq. ``loads`` (N + 1,) are the weights w, ``ratio`` is c_n / c_t.
+    """
+    Ts_WL = link_poses_from_imu(model, q_rad, T_WI)
+    velocity, turn = link_motion(model, Ts_WL)
+    centres_W = Ts_WL[:, :3, 3] + Ts_WL[:, :3, :3] @ model.com_L
+    x, y = (centres_W[:, :2] - T_WI[:2, 3]).T
+    along = Ts_WL[:, :2, 0] / np.linalg.norm(Ts_WL[:, :2, 0], axis=1)[:, None]
+    across = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    rigid = np.zeros((model.link_count, 2, 3))
+    rigid[:, 0, 0] = rigid[:, 1, 1] = 1.0
+    rigid[:, 0, 2], rigid[:, 1, 2] = -y, x
+    axes = np.stack([along, np.sqrt(ratio) * across], axis=1) * np.sqrt(loads)[:, None, None]
+    spin = np.sqrt(loads * ratio / 12.0) * model.joint_length_m
+    A = np.concatenate([(axes @ rigid).reshape(-1, 3), np.outer(spin, [0.0, 0.0, 1.0])])
+    B = np.concatenate([(axes @ velocity[:, :2]).reshape(-1, model.joint_count), spin[:, None] * turn[:, 2]])
+    return np.asarray(-np.linalg.solve(A.T @ A, A.T @ B), dtype=np.float64)
+
+
+@dataclass(frozen=True, slots=True)
+class Sliding:
+    """The head's velocity ``v_I`` (3,) m/s with its covariance (3, 3), and the ground it follows from."""
+
+    v_I: Float
+    cov: Float
+    ground: Ground
+
+
+def sliding_velocity(
+    model: SnakeModel,
+    q_rad: Float,
+    dq_rad_s: Float,
+    w_I: Float,
+    up_I: Float,
+    ratio: float,
+    guess_I: Float | None = None,
+) -> Sliding:
+    """Return the velocity of the IMU that leaves no net Coulomb friction on the body, quasi-statically, for any gait.
+
+    v = argmin sum N_i || v + u_i ||, by iteratively re-weighted least squares: u_i is the velocity of contact i while
+    the IMU only turns at ``w_I`` (3,) rad/s, the metric of || . || weighs what is across the link, and out of the
+    ground, by ``ratio``. Angles and rates (N,), ``up_I`` (3,) the upward direction. For isotropic friction this is
+    exactly the balance of forces. Covariance: slip scattered over the effective number of contacts, and 5 mm/s.
+    """
+    Ts_IL = link_poses_from_imu(model, q_rad, np.eye(4))
+    ground = level(model, Ts_IL, up_I)
+    bears = ground.loads_n > 0.0
+    link, points, loads = ground.link[bears], ground.contacts_I[bears], ground.loads_n[bears]
+    u_I = contact_velocities(model, Ts_IL, dq_rad_s, w_I, link, points)
+    metric = _metric(Ts_IL[link, :3, 0], ground.normal_I, ratio)
+    v_I = np.zeros(3) if guess_I is None else guess_I
+    for _ in range(ROUNDS):
+        slip = v_I + u_I
+        weighed = metric * (loads / np.sqrt(np.einsum("ci,ci->c", slip, slip) + SLIP_M_S**2))[:, None, None]
+        after = np.linalg.solve(weighed.sum(axis=0), -np.einsum("cij,cj->i", weighed, u_I))
+        moved, v_I = float(np.max(np.abs(after - v_I))), after
+        if moved < ENOUGH_M_S:
+            break
+    slip = v_I + u_I
+    share = loads / loads.sum()
+    scatter = (slip * share[:, None]).T @ slip
+    return Sliding(v_I, scatter * float(share @ share) + FLOOR_M_S**2 * np.eye(3), ground)
+
+
+def contact_velocities(
+    model: SnakeModel, Ts_IL: Float, dq_rad_s: Float, w_I: Float, link: NDArray[np.int64], points_I: Float
+) -> Float:
+    """Return the velocities of points of links while the IMU turns in place at ``w_I``, (M, 3) m/s in I."""
+    axes_I = np.einsum("nij,nj->ni", Ts_IL[1:, :3, :3], model.axes_L)
+    # From the head backwards: the turn of link k against the head, and the velocity of its frame.
+    spin = -axes_I * dq_rad_s[:, None]
+    w_links = np.concatenate([np.cumsum(spin[::-1], axis=0)[::-1], np.zeros((1, 3))])
+    moment = -np.cross(spin, Ts_IL[1:, :3, 3])
+    shift = np.concatenate([np.cumsum(moment[::-1], axis=0)[::-1], np.zeros((1, 3))])
+    return shift[link] + np.cross(w_links[link] + w_I, points_I)
+
+
+def _metric(along_I: Float, normal_I: Float, ratio: float) -> Float:
+    """Return what friction weighs a slip with, (M, 3, 3): 1 along the link on the ground, ``ratio`` across."""
+    t = along_I - (along_I @ normal_I)[:, None] * normal_I
+    t = t / np.maximum(np.linalg.norm(t, axis=1), 1e-9)[:, None]
+    return ratio * np.eye(3) - (ratio - 1.0) * t[:, :, None] * t[:, None, :]

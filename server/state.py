@@ -1,6 +1,7 @@
 """The session's reports in the words of the HTTP contract."""
 
 import json
+import math
 import struct
 from dataclasses import asdict
 from typing import Any
@@ -101,6 +102,7 @@ def picture_bytes(view: View, picture: Picture) -> bytes:
         "width": picture.width,
         "height": picture.height,
         "tracks": picture.tracks,
+        "roll_deg": None if picture.roll_rad is None else round(math.degrees(picture.roll_rad), 1),
     }
     text = json.dumps(header, separators=(",", ":")).encode()
     return FRAME + struct.pack("<I", len(text)) + text + picture.jpeg

@@ -1,7 +1,9 @@
 """The command line: exit 0 good, 2 bad input with one clear line, 1 failure."""
 
+import itertools
 import json
 import math
+import os
 import signal
 import sys
 from collections.abc import Callable, Generator, Sequence
@@ -18,9 +20,11 @@ from snakeslam.threads import use_one_thread
 if TYPE_CHECKING:
     from snakeslam.config import Config
     from snakeslam.studies.experiment import RunResult
+    from snakeslam.studies.rows import Row
 
-BUILT = "serve, run, replay, eq"
+BUILT = "serve, run, replay, study, eq"
 INTERRUPTED, TERMINATED = 130, 143
+MOST_WORKERS = 1024
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
 
@@ -105,6 +109,40 @@ def replay(
 
 
 @app.command()
+def study(
+    path: Annotated[
+        Path, typer.Argument(metavar="STUDY.yaml", help="Study, such as configs/studies/head_stability.yaml.")
+    ],
+    workers: Annotated[
+        int | None, typer.Option("--workers", metavar="N", help="Runs at a time [one for each core].")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", metavar="DIR", help="Study directory [runs/<time>-<name>].")
+    ] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with the study in --out DIR.")] = False,
+    scheduler: Annotated[str | None, typer.Option("--scheduler", hidden=True)] = None,
+) -> None:
+    """Run a study: many runs, a table and figures."""
+    if scheduler is not None:
+        raise NotBuiltError("--scheduler", scheduler, "--workers N on this machine")
+    if workers is not None and not 1 <= workers <= MOST_WORKERS:
+        raise InputError("--workers", str(workers), f"1 to {MOST_WORKERS}")
+    if resume and out is None:
+        raise InputError("--resume", "needs the folder to go on with", "--out DIR")
+    from snakeslam.studies.run_directory import default_out
+    from snakeslam.studies.study import load_study
+    from snakeslam.studies.sweep import run_study
+
+    loaded = load_study(path)
+    with _terminable(), _study_progress(len(loaded.points)) as report:
+        result = run_study(loaded, out or default_out(loaded.name), workers or os.cpu_count() or 1, resume, report)
+    typer.echo(result.table)
+    typer.echo(f"written: {result.out}", err=True)
+    if result.failed:
+        raise SnakeslamError(f"{result.failed} of {len(result.rows)} runs failed, see {result.out / 'results.csv'}")
+
+
+@app.command()
 def eq(number: Annotated[int, typer.Argument(metavar="N", help="Number of the equation in the paper.")]) -> None:
     """Print an equation of the paper, corrected, with its home in the code and its test."""
     from snakeslam.equations import equation
@@ -124,7 +162,6 @@ def _add_later_command(name: str, help_text: str) -> None:
 
 for _name, _help in (
     ("export", "Write a run in another format"),
-    ("study", "Run a study: many runs, tables and figures"),
     ("report", "Figures and an HTML page of a run"),
     ("hw", "The real robot's tools"),
     ("node", "One node of the live system, on its own"),
@@ -213,6 +250,25 @@ def _progress(as_json: bool) -> Generator[Callable[[float], None] | None]:
             yield lambda fraction: bar.update(task, completed=fraction)
     else:
         yield None
+
+
+@contextmanager
+def _study_progress(total: int) -> Generator[Callable[["Row"], None]]:
+    """Yield what shows a study's progress on stderr: a line for each run, and a bar on a terminal."""
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+    console = Console(stderr=True, soft_wrap=True, highlight=False, markup=False)
+    columns = TextColumn("runs"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn()
+    with Progress(*columns, console=console, transient=True, disable=not console.is_terminal) as bar:
+        task, ended = bar.add_task("runs", total=total), itertools.count(1)
+
+        def show(row: "Row") -> None:
+            said = row.reason or ", ".join(f"{name} {value:.4g}" for name, value in row.known.items())
+            console.print(f"{next(ended)}/{total} {row.point.words}: {row.status}: {said}")
+            bar.advance(task)
+
+        yield show
 
 
 def _summary(result: "RunResult") -> str:

@@ -80,7 +80,7 @@ def load_config(path: Path | None = None, overrides: Sequence[str | Override] = 
 
     InputError names the file (or --set), the key, the value and what is allowed; NotBuiltError a mode still to come.
     """
-    return _build({} if path is None else _read_tree(path), overrides, path)
+    return _build({} if path is None else read_tree(path), overrides, path)
 
 
 def override_config(config: Config, overrides: Sequence[str | Override]) -> Config:
@@ -103,7 +103,7 @@ def _build(tree: dict[str, Any], overrides: Sequence[str | Override], path: Path
     try:
         config = Config.model_validate(tree)
     except ValidationError as error:
-        raise _input_error(error.errors()[0], where) from error
+        raise input_error(error.errors()[0], where) from error
     check_built(config, where)
     return config
 
@@ -127,7 +127,7 @@ class _UniqueKeyLoader(yaml.SafeLoader):
         return super().construct_mapping(node, deep)
 
 
-def _read_tree(path: Path) -> dict[str, Any]:
+def read_tree(path: Path) -> dict[str, Any]:
     """Read a YAML file of groups; a group with nothing in it counts as left out."""
     try:
         tree: Any = yaml.load(path.read_text(encoding="utf-8"), Loader=_UniqueKeyLoader)
@@ -160,7 +160,7 @@ def _set(tree: dict[str, Any], override: Override) -> None:
     tree[last] = override.value
 
 
-def _input_error(error: ErrorDetails, where: Callable[[str], str]) -> InputError:
+def input_error(error: ErrorDetails, where: Callable[[str], str]) -> InputError:
     """Turn pydantic's first complaint into one line."""
     key = ".".join(str(part) for part in error["loc"])
     if error["type"] == "extra_forbidden":

@@ -87,21 +87,22 @@ class Control:
 
     def _wanted(self, dt_s: float, joints: JointState | None) -> Float:
         """Return the gait's angles with the head's control over them."""
-        feeds_back = self._head.feeds_back(self._blend.gait)
-        if not feeds_back:
-            self._hand_back()
         q_rad = self._blend.step(self._drive, dt_s)
-        if not feeds_back:
+        if self._head.engaged and not self._head.fits(self._blend.gait):
+            q_rad = self._hand_back(dt_s)
+        if not self._head.feeds_back(self._blend.gait):
             return q_rad
         if self._head.steers(self._blend.gait):
             self._head.sense.line.turn_by(self._turn * TURN_RATE_RAD_S * abs(self._blend.pace) * dt_s)
         return self._head.step(q_rad, self._blend, self._follower.q_rad, joints, dt_s)
 
-    def _hand_back(self) -> None:
-        """Let the blend go on from where feedback has brought the neck."""
+    def _hand_back(self, dt_s: float = 0.0) -> Float:
+        """Let the blend go on from where feedback has brought the neck, ``dt_s`` later."""
+        q_rad, dq_rad_s = self._follower.q_rad, self._follower.dq_rad_s
         if self._head.engaged:
-            self._blend.take_up(self._follower.q_rad, self._follower.dq_rad_s)
+            self._blend.take_up(q_rad + dq_rad_s * dt_s, dq_rad_s)
             self._head.disengage()
+        return q_rad + dq_rad_s * dt_s
 
     def _elapsed_s(self, t_ns: int, joints: JointState | None) -> float:
         if self._t_ns is None and joints is not None:

@@ -62,7 +62,6 @@ def test_version(cli: Cli) -> None:
     "arguments",
     [
         ["export", "x", "--format", "tum", "--out", "y"],
-        ["study", "a.yaml", "--workers", "2"],
         ["report"],
         ["hw", "scan"],
         ["node", "robot", "--connect", "tcp/host"],
@@ -157,7 +156,7 @@ def test_replay_writes_a_run_directory_and_prints_the_metrics_last(cli: Cli, tmp
     metrics = json.loads(out.splitlines()[-1])
     assert metrics["frames"] == 4
     assert metrics["duration_s"] == pytest.approx(0.15)
-    assert metrics["head"] == {"yaw_rms_deg": None, "peak_yaw_rate_deg_s": None, "sway_pp_m": None}
+    assert set(metrics["head"].values()) == {None}
     assert files(tmp_path / "run") == ARTIFACTS
     facts = json.loads((tmp_path / "run/run.json").read_text())
     assert facts["metrics"] == metrics

@@ -62,6 +62,10 @@ class HeadControl:
         """Whether the neck's targets come from here now."""
         return self._hand is not None
 
+    def fits(self, gait: ResolvedGait) -> bool:
+        """Return whether the hand on the neck is the one for this gait."""
+        return self.feeds_back(gait) and isinstance(self._hand, PredictiveNeck) == steers_head(gait)
+
     def disengage(self) -> None:
         """Leave the neck to the blend."""
         self._hand = None
@@ -72,7 +76,7 @@ class HeadControl:
         ``now_rad`` (N,) are the targets of the step before. ``sense`` has been brought up to date.
         """
         gait = blend.gait
-        if self._hand is None or isinstance(self._hand, PredictiveNeck) != steers_head(gait):
+        if self._hand is None:
             self._take_over(gait, now_rad, q_rad)
         dq_rad_s, self._q_rad = (q_rad - self._q_rad) / dt_s, q_rad
         q_rad = q_rad.copy()

@@ -12,8 +12,11 @@ from snakeslam.robot.model import snake_model
 from snakeslam.slam import Slam
 
 
-def build_backend(config: Config, recording: Path | None = None) -> Backend:
-    """Return the recording as a backend, or the simulator without one; InputError when it cannot be opened."""
+def build_backend(config: Config, recording: Path | None = None, camera: bool = True) -> Backend:
+    """Return the recording as a backend, or the simulator without one; InputError when it cannot be opened.
+
+    ``camera`` False leaves the simulator's camera out, and with it most of the simulator's time.
+    """
     if recording is not None:
         return ReplayBackend(recording, config.replay)
     try:
@@ -22,7 +25,7 @@ def build_backend(config: Config, recording: Path | None = None) -> Backend:
         raise InputError(
             "the simulator", f"{error.name} is not installed", "Python 3.11 with the extra 'sim'"
         ) from error
-    return SimBackend(snake_model(config.robot), config.sim, config.run.seed)
+    return SimBackend(snake_model(config.robot), config.sim, config.run.seed, camera)
 
 
 def mode_for(backend: Backend) -> Mode:

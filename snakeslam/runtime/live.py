@@ -82,11 +82,12 @@ class LiveSink:
         self,
         model: SnakeModel | None,
         put: Callable[[Report], None],
+        R_IC: Float,
         *,
         gravity_known: bool = True,
         clock: Callable[[], float] = monotonic,
     ) -> None:
-        self._model, self._put, self._clock = model, put, clock
+        self._model, self._put, self._R_IC, self._clock = model, put, R_IC, clock
         self._truth, self._still = TruthView(gravity_known=gravity_known), HeadStillness()
         self._health = Health(Verdict.INITIALISING)
         self._newest_T_WI: Float | None = None
@@ -222,4 +223,10 @@ class LiveSink:
             for (x, y), inlier, key in zip(update.tracks_px, update.track_inliers, update.track_ids, strict=True)
         )
         height, width = frame.gray.shape
-        self._put(Picture(update.t_ns, update.seq, width, height, tracks, jpeg.tobytes()))
+        roll_rad = None if update.pose is None else camera_roll_rad(update.pose.T_WI[:3, :3] @ self._R_IC)
+        self._put(Picture(update.t_ns, update.seq, width, height, tracks, jpeg.tobytes(), roll_rad))
+
+
+def camera_roll_rad(R_WC: Float) -> float:
+    """Return how far a camera is rolled clockwise about its view: 0 with its image's down side down."""
+    return float(np.arctan2(-R_WC[2, 0], -R_WC[2, 1]))

@@ -42,9 +42,9 @@ class Sink(Protocol):
 
 
 class Loop:
-    """One backend, its control (None for a recording) and slam, in lockstep; deterministic."""
+    """One backend, its control (None for a recording) and slam (None: no estimate), in deterministic lockstep."""
 
-    def __init__(self, backend: Backend, control: Control | None, slam: Slam, sink: Sink) -> None:
+    def __init__(self, backend: Backend, control: Control | None, slam: Slam | None, sink: Sink) -> None:
         # The same picture must give the same features in every run, on any number of cores.
         cv2.setNumThreads(1)
         cv2.setRNGSeed(0)
@@ -68,7 +68,8 @@ class Loop:
         if self.control is None:
             return None
         target = self.control.step(self.backend.t_ns, self._joints, self.pose, self._imu)
-        self.slam.expect(target)
+        if self.slam is not None:
+            self.slam.expect(target)
         self.sink.on_target(target)
         return target
 
@@ -78,6 +79,8 @@ class Loop:
         elif isinstance(packet, ImuSample):
             self._imu = packet
         self.sink.on_packet(packet)
+        if self.slam is None:
+            return
         started = perf_counter()
         update = self.slam.process(packet)
         self._slam_ms += (perf_counter() - started) * 1e3

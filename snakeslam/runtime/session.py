@@ -88,7 +88,9 @@ class Session:
         self._pacer = Pacer()
         config = _with_estimator_mode(spec, backend)
         # The visual estimator starts level with its camera, however that is held.
-        self._sink = LiveSink(backend.model, put, gravity_known=config.estimator.mode != "visual")
+        self._sink = LiveSink(
+            backend.model, put, backend.rig.cam0.T_IC[:3, :3], gravity_known=config.estimator.mode != "visual"
+        )
         self._loop = Loop(backend, self._control, build_slam(config, backend), self._sink)
         self._configured = spec.config.gait
         self._judge_gait()

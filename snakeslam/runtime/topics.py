@@ -135,7 +135,10 @@ class Tick:
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """One camera frame as JPEG, and the features followed into it: rows of (x_px, y_px, inlier 0 or 1, id)."""
+    """One camera frame as JPEG, and the features followed into it: rows of (x_px, y_px, inlier 0 or 1, id).
+
+    ``roll_rad`` is how far the camera was rolled about its view, clockwise as it sees itself, None where not known.
+    """
 
     t_ns: int
     seq: int
@@ -143,6 +146,7 @@ class Picture:
     height: int
     tracks: tuple[tuple[float, float, int, int], ...]
     jpeg: bytes
+    roll_rad: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -65,7 +65,7 @@ def run_experiment(
         config = fit_to_recording(config, backend)
         recorder = Recorder(_sensor_writer(config, recording, part, backend))
         loop = Loop(backend, build_control(config, backend), build_slam(config, backend), recorder)
-        wall_s = _turn(loop, config, _end_ns(config, backend, duration_s), progress or (lambda _: None))
+        wall_s = turn_loop(loop, config, _end_ns(config, backend, duration_s), progress or (lambda _: None))
         metrics = _evaluate(config, backend, recorder, wall_s)
         _write(part, config, recording, recorder, metrics)
     return RunResult(place, metrics)
@@ -85,7 +85,7 @@ def _end_ns(config: Config, backend: Backend, duration_s: float | None) -> int:
     return backend.end_ns if duration_s is None else min(backend.end_ns, backend.t_ns + round(duration_s * 1e9))
 
 
-def _turn(loop: Loop, config: Config, end_ns: int, progress: Progress) -> float:
+def turn_loop(loop: Loop, config: Config, end_ns: int, progress: Progress) -> float:
     """Turn the loop until ``end_ns``, the gait starting after the rest; return the wall time it took."""
     start_ns = loop.backend.t_ns
     drive_ns = start_ns + round(config.run.rest_s * 1e9)
@@ -131,14 +131,14 @@ def _write(part: Path, config: Config, recording: Path | None, recorder: Recorde
         "recording": str(recording.resolve()) if recording else None,
         "seed": config.run.seed,
         "config": config.model_dump(mode="json"),
-        "versions": _versions(),
-        "commit": _commit(),
+        "versions": versions(),
+        "commit": commit(),
         "metrics": metrics.as_dict(),
     }
     (part / "run.json").write_text(json.dumps(facts, indent=2, allow_nan=False) + "\n", encoding="utf-8")
 
 
-def _versions() -> dict[str, str | None]:
+def versions() -> dict[str, str | None]:
     """Return the versions a result may depend on; None for what is not installed."""
     found: dict[str, str | None] = {"python": platform.python_version()}
     for package in PACKAGES:
@@ -149,7 +149,7 @@ def _versions() -> dict[str, str | None]:
     return found
 
 
-def _commit() -> str | None:
+def commit() -> str | None:
     """Return the commit of the source tree, with a mark when it has changes; None outside of one."""
     root = Path(__file__).resolve().parents[2]
     if not (root / ".git").exists():

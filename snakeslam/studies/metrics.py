@@ -50,11 +50,13 @@ class Consistency:
 
 @dataclass(frozen=True, slots=True)
 class HeadMotion:
-    """How still the robot's head is."""
+    """How still the robot's head is; each RMS is about the mean."""
 
     yaw_rms_deg: float | None = None
     peak_yaw_rate_deg_s: float | None = None
     sway_pp_m: float | None = None
+    roll_rms_deg: float | None = None
+    pitch_rms_deg: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,11 +187,11 @@ def _first_alignment(T_estimate: Float, T_true: Float, gravity_known: bool) -> F
 
 
 def head_motion(head: Trajectory, period_s: float) -> HeadMotion:
-    """Return the head's yaw RMS about its mean, its peak yaw rate over 20 ms, its sway across the way it goes.
+    """Return the RMS of the head's yaw, roll and pitch, its peak yaw rate over 20 ms, its sway across the way it goes.
 
     Whole periods only, counted back from the end, so that a swing has no part in the mean direction.
     """
-    head = _whole_periods(head, period_s)
+    head = whole_periods(head, period_s)
     if len(head) < MIN_POSES_TO_ALIGN:
         return HeadMotion()
     yaw_rad = np.unwrap(so3.yaw(head.Ts_WI[:, :3, :3]))
@@ -202,13 +204,19 @@ def head_motion(head: Trajectory, period_s: float) -> HeadMotion:
     moves = float(np.linalg.norm(travel)) >= LEAST_TRAVEL_M
     along = travel / np.linalg.norm(travel) if moves else np.array([np.cos(mean_yaw), np.sin(mean_yaw)])
     return HeadMotion(
-        yaw_rms_deg=float(np.rad2deg(np.std(yaw_rad))),
+        yaw_rms_deg=_rms_deg(yaw_rad),
         peak_yaw_rate_deg_s=float(np.rad2deg(np.max(np.abs(rates)))) if rates.size else None,
         sway_pp_m=float(np.ptp(xy @ np.array([-along[1], along[0]]))),
+        roll_rms_deg=_rms_deg(np.arctan2(head.Ts_WI[:, 2, 1], head.Ts_WI[:, 2, 2])),
+        pitch_rms_deg=_rms_deg(-np.arcsin(np.clip(head.Ts_WI[:, 2, 0], -1.0, 1.0))),
     )
 
 
-def _whole_periods(head: Trajectory, period_s: float) -> Trajectory:
+def _rms_deg(angles_rad: Float) -> float:
+    return float(np.rad2deg(np.std(np.unwrap(angles_rad))))
+
+
+def whole_periods(head: Trajectory, period_s: float) -> Trajectory:
     """Return the longest end of the motion that is a whole number of periods; all of it below one."""
     if not len(head):
         return head

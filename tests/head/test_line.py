@@ -36,10 +36,17 @@ def follow(line, start, stop, delay=12, every=5, world=estimate):
     return line
 
 
+def lay(line, turned_rad, offset_H):
+    """Lay the line at an angle to the head, through a point in the head's level frame."""
+    yaw = line.heading_rad + line.errors.yaw_rad
+    c, s = np.cos(yaw), np.sin(yaw)
+    line.lay(yaw + turned_rad, np.array([[c, -s], [s, c]]) @ offset_H)
+
+
 @pytest.mark.parametrize("delay", [0, 5, 15, 40])
 def test_late_estimates_are_carried_on_to_now(delay):
     line = follow(HeadLine(), 0, 100, delay)
-    line.lay(0.0, np.array([0.0, -0.1]))
+    lay(line, 0.0, np.array([0.0, -0.1]))
     assert line.heading_rad == pytest.approx(yaw_at(0.99), abs=1e-3)
     heading, at = line.heading_rad, V * 0.99
     across = np.array([-np.sin(heading), np.cos(heading)])
@@ -56,7 +63,7 @@ def test_the_first_estimate_moves_the_line_not_the_errors(delay):
     line = HeadLine()
     for k in range(60):
         line.update(k * STEP_NS, None, gyro(k * STEP_NS, rate_at(k * DT_S)))
-    line.lay(-0.2, np.zeros(2))
+    lay(line, -0.2, np.zeros(2))
     before = line.errors
     assert before.yaw_rad == pytest.approx(0.2)
     line.update(60 * STEP_NS, estimate(60 - delay, 1.9, (4.0, -3.0)), gyro(60 * STEP_NS, rate_at(0.6)))
@@ -71,7 +78,7 @@ def test_the_first_estimate_moves_the_line_not_the_errors(delay):
 def test_a_jump_of_the_estimate_moves_the_line_not_the_errors(jump_rad, jump_W):
     steady, jumped = (follow(HeadLine(), 0, 100) for _ in range(2))
     for line in (steady, jumped):
-        line.lay(0.1, np.array([0.0, -0.05]))
+        lay(line, 0.1, np.array([0.0, -0.05]))
     follow(steady, 100, 200)
     follow(jumped, 100, 200, world=lambda k: estimate(k, jump_rad, jump_W))
     assert jumped.errors.yaw_rad == pytest.approx(steady.errors.yaw_rad, abs=1e-6)
@@ -84,7 +91,7 @@ def test_a_small_correction_is_an_error_to_be_steered_out():
     steady, corrected = (follow(HeadLine(), 0, 100) for _ in range(2))
     yaw, aside = 0.5 * JUMP_RAD, np.array([0.0, 0.5 * JUMP_M])
     for line in (steady, corrected):
-        line.lay(-yaw_at(0.99), np.zeros(2))
+        lay(line, -yaw_at(0.99), np.zeros(2))
         follow(line, 100, 112)
     late = estimate(100)
     line = corrected
@@ -109,7 +116,7 @@ def still(line, start, stop, pose=None):
 @pytest.mark.parametrize("pose", [None, pose_estimate(0, 1.0, 2.0, 0.3)], ids=["gyro", "estimate"])
 def test_it_turns_at_its_rate_about_the_head(angle_rad, pose):
     line = still(HeadLine(), 0, 10, pose)
-    line.lay(0.0, np.array([0.0, -0.2]))
+    lay(line, 0.0, np.array([0.0, -0.2]))
     before = line.errors
     start = line.heading_rad
     line.turn_by(angle_rad)
@@ -135,7 +142,7 @@ def test_it_turns_by_estimates_alone_too():
 def test_laying_it_anew_forgets_a_turn():
     line = still(HeadLine(), 0, 10)
     line.turn_by(1.0)
-    line.lay(0.0, np.zeros(2))
+    lay(line, 0.0, np.zeros(2))
     assert still(line, 10, 100).heading_rad == 0.0
 
 

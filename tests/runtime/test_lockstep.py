@@ -73,6 +73,10 @@ class FakeSlam:
 
     def __init__(self) -> None:
         self.packets: list[Packet] = []
+        self.expected: list[JointTarget] = []
+
+    def expect(self, target: JointTarget) -> None:
+        self.expected.append(target)
 
     def process(self, packet: Packet) -> SlamUpdate | None:
         self.packets.append(packet)

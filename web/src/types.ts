@@ -122,6 +122,8 @@ export interface Frame {
   width: number;
   height: number;
   tracks: Track[];
+  /** How far the camera was rolled clockwise about its view; null when the estimator does not know. */
+  roll_deg: number | null;
   jpeg: Blob;
 }
 

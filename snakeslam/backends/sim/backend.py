@@ -30,10 +30,11 @@ class SimBackend:
     """A snake in a world made from ``seed``; W is the world's frame, the head starts over its origin, looking along x.
 
     Everything is determined by the arguments and the targets. A frame's middle of exposure is the time of an IMU
-    sample; the frame is handed out once the next sample, to which the exposure reaches, is there.
+    sample; the frame is handed out once the next sample, to which the exposure reaches, is there. Without ``camera`` no
+    frame comes and nothing is drawn; the motion is the same.
     """
 
-    def __init__(self, model: SnakeModel, settings: SimSettings, seed: int) -> None:
+    def __init__(self, model: SnakeModel, settings: SimSettings, seed: int, camera: bool = True) -> None:
         if settings.physics.rate_hz % (2 * IMU_RATE_HZ):
             raise InputError("sim.physics.rate_hz", f"{settings.physics.rate_hz} is not possible", "multiples of 400")
         self._model = model
@@ -41,12 +42,13 @@ class SimBackend:
         cam0 = camera_calibration(settings.camera, model)
         self._rig = SensorRig(cam0=cam0, imu0=imu_calibration(settings.imu))
         client: int = pybullet.connect(pybullet.DIRECT)
-        self._renderer = Renderer(client, cam0.intrinsics[0])
+        self._renderer = Renderer(client, cam0.intrinsics[0]) if camera else None
         self._physics = SnakePhysics(
             model, settings.physics, settings.friction_ratio, pose_with_head_at(model, 0.0, 0.0), client_id=client
         )
-        place_world(world(settings.world, np.random.default_rng([seed, WORLD_STREAM])), client)
-        self._renderer.warm_up()
+        place_world(world(settings.world, np.random.default_rng([seed, WORLD_STREAM])), client, pictures=camera)
+        if self._renderer is not None:
+            self._renderer.warm_up()
         self._camera = Camera(settings.camera, cam0.intrinsics, np.random.default_rng([seed, CAMERA_STREAM]))
         self._imu = Imu.switched_on(settings.imu, np.random.default_rng([seed, IMU_STREAM]))
         self._servos = ServoSensors(model.joint_count, 1.0 / CONTROL_RATE_HZ)
@@ -97,7 +99,8 @@ class SimBackend:
 
     def close(self) -> None:
         """Release the renderer and the physics; safe to call twice."""
-        self._renderer.close()
+        if self._renderer is not None:
+            self._renderer.close()
         self._physics.close()
 
     def _run(self, duration_s: float) -> None:
@@ -130,7 +133,7 @@ class SimBackend:
 
     def _begin_exposure(self, T0_WI: Float) -> tuple[int, Render, Float] | None:
         """Render where a frame is due; ``T0_WI`` is the pose one IMU interval ago."""
-        if (self._imu_count - 1) % (IMU_RATE_HZ // self._settings.camera.rate_hz):
+        if self._renderer is None or (self._imu_count - 1) % (IMU_RATE_HZ // self._settings.camera.rate_hz):
             return None
         return self.t_ns, self._renderer.render(self._pose_WI @ self._rig.cam0.T_IC), T0_WI
 

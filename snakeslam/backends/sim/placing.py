@@ -14,10 +14,13 @@ COMPOUND_SIZE = 16
 """The most shapes that PyBullet takes in one body."""
 
 
-def place_world(world: World, client_id: int) -> None:
-    """Add the pictures and obstacles of ``world``; the (uncompressed) files they go through are removed again."""
+def place_world(world: World, client_id: int, pictures: bool = True) -> None:
+    """Add the pictures (where they are wanted) and obstacles of ``world``.
+
+    The (uncompressed) files they go through are removed again.
+    """
     with tempfile.TemporaryDirectory() as folder:
-        for k, (texture, shapes) in enumerate(world.pictures):
+        for k, (texture, shapes) in enumerate(world.pictures if pictures else ()):
             picture, shape = Path(folder) / f"{k}.bmp", Path(folder) / f"{k}.obj"
             cv2.imwrite(str(picture), cv2.cvtColor(texture, cv2.COLOR_RGB2BGR))
             shape.write_text(meshes.obj(meshes.merge(shapes)))

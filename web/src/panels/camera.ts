@@ -14,8 +14,10 @@ export function mountCamera(app: App): void {
   const empty = h("p", { class: "picture-empty" }, "No picture yet");
   const rate = h("span", { class: "muted num", id: "camera-rate" });
   const toggle = h("button", { class: "toggle", type: "button", "aria-pressed": "true", id: "features-toggle" }, "Features");
+  const level = h("button", { class: "toggle", type: "button", "aria-pressed": "false", id: "level-toggle" }, "Level");
+  level.title = "Turn the picture upright while the head rolls";
   byId("camera").append(
-    h("header", { class: "panel-head" }, h("h2", {}, "Camera"), rate, toggle),
+    h("header", { class: "panel-head" }, h("h2", {}, "Camera"), rate, level, toggle),
     h("div", { class: "picture", id: "picture" }, picture, overlay, empty, badge),
     legend(),
   );
@@ -24,6 +26,11 @@ export function mountCamera(app: App): void {
     painter.showTracks = !painter.showTracks;
     toggle.setAttribute("aria-pressed", String(painter.showTracks));
     painter.drawTracks();
+  });
+  level.addEventListener("click", () => {
+    painter.level = !painter.level;
+    level.setAttribute("aria-pressed", String(painter.level));
+    painter.turn();
   });
   let shownMs: number | null = null;
   app.frame.on((frame) => {
@@ -52,6 +59,8 @@ function legend(): HTMLElement {
 /** Draws the newest frame only: while one is being decoded, a newer one replaces the one that waits. */
 class Painter {
   showTracks = true;
+  level = false;
+  private rollDeg = 0;
   private waiting: Frame | null = null;
   private busy = false;
   private tracks: Track[] = [];
@@ -87,9 +96,19 @@ class Painter {
     }
     this.picture.getContext("2d")?.drawImage(image, 0, 0, frame.width, frame.height);
     this.picture.dataset["seq"] = String(frame.seq);
+    this.rollDeg = frame.roll_deg ?? this.rollDeg;
+    this.turn();
     image.close();
     this.tracks = frame.tracks;
     this.drawTracks();
+  }
+
+  /** Despun: the whole picture turned against the head's roll, small enough to stay inside at any angle. */
+  turn(): void {
+    const { width, height } = this.picture;
+    const scale = height / Math.hypot(width, height);
+    const turned = this.level ? `rotate(${this.rollDeg}deg) scale(${scale.toFixed(3)})` : "";
+    for (const canvas of [this.picture, this.overlay]) canvas.style.transform = turned;
   }
 
   /** Circles for what the estimator uses, crosses for what it rejects: the shape tells as well as the colour. */

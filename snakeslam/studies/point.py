@@ -1,0 +1,84 @@
+"""One run of a study: simulated, measured over whole gait periods, nothing written."""
+
+import math
+from contextlib import closing
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from snakeslam.errors import BackendError
+from snakeslam.geometry import so3
+from snakeslam.messages import Float
+from snakeslam.runtime.assembly import build_backend, build_control, build_slam
+from snakeslam.runtime.lockstep import Loop
+from snakeslam.studies.experiment import turn_loop
+from snakeslam.studies.measures import MEASURES, MeasureName
+from snakeslam.studies.metrics import HeadWindow, Metrics, evaluate, net_speed_m_s, truth_trajectory, whole_periods
+from snakeslam.studies.recorder import Recorder
+from snakeslam.studies.study import Point
+from snakeslam.studies.trajectories import Trajectory
+
+HALF_SAMPLE_NS = 2_500_000
+"""Half the IMU's interval, at which the truth is known."""
+SERIES_STRIDE = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """Measured values, None where unknown, and the head's way in the measured window.
+
+    ``series`` (n, 4): time since its beginning in s, yaw about its mean in rad, x and y in W in m; 50 Hz.
+    """
+
+    values: dict[MeasureName, float | None]
+    series: Float
+
+
+def run_point(point: Point) -> Measured:
+    """Run ``point`` and measure it; deterministic.
+
+    Camera and estimator take part only where the point has them; the motion of a robot whose control does not feed the
+    estimate back is the same without. BackendError when the motion is not finite.
+    """
+    config = point.config
+    with closing(build_backend(config, camera=point.estimator)) as backend:
+        recorder = Recorder()
+        slam = build_slam(config, backend) if point.estimator else None
+        loop = Loop(backend, build_control(config, backend), slam, recorder)
+        end_ns = backend.t_ns + round(config.run.duration_s * 1e9)
+        wall_s = turn_loop(loop, config, end_ns, lambda _: None)
+        gravity_known = backend.rig.imu0 is not None
+    window = _window(truth_trajectory(recorder.truth), point)
+    head = HeadWindow(int(window.t_ns[0]), point.period_s)
+    metrics = evaluate(
+        recorder.updates,
+        recorder.truth,
+        recorder.frame_ms,
+        duration_s=recorder.duration_s,
+        wall_s=wall_s,
+        gravity_known=gravity_known,
+        head=head,
+    )
+    return Measured(_values(point, replace(metrics, speed_m_s=net_speed_m_s(window))), _series(window))
+
+
+def _window(truth: Trajectory, point: Point) -> Trajectory:
+    """Return the last whole periods that are to be measured."""
+    if not np.all(np.isfinite(truth.Ts_WI)):
+        raise BackendError("the simulated motion is not finite")
+    from_ns = truth.t_ns[-1] - round(point.measured_periods * point.period_s * 1e9) - HALF_SAMPLE_NS
+    return whole_periods(truth.at(truth.t_ns >= from_ns), point.period_s)
+
+
+def _values(point: Point, metrics: Metrics) -> dict[MeasureName, float | None]:
+    values: dict[MeasureName, float | None] = {name: MEASURES[name].of(metrics) for name in point.measure}
+    broken = next((name for name, value in values.items() if value is not None and not math.isfinite(value)), None)
+    if broken is not None:
+        raise BackendError(f"{broken} is not finite")
+    return values
+
+
+def _series(window: Trajectory) -> Float:
+    yaw_rad = np.unwrap(so3.yaw(window.Ts_WI[:, :3, :3]))
+    t_s = (window.t_ns - window.t_ns[0]) / 1e9
+    return np.column_stack([t_s, yaw_rad - np.mean(yaw_rad), window.Ts_WI[:, :2, 3]])[::SERIES_STRIDE]

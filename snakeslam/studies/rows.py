@@ -1,0 +1,95 @@
+"""A study's CSV: one row for each run, in the order of the runs, whole after every run."""
+
+import csv
+import os
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from snakeslam.errors import InputError
+from snakeslam.studies.measures import MeasureName
+from snakeslam.studies.study import Point, Study
+from snakeslam.studies.study_file import text
+
+Status = Literal["done", "failed"]
+FIRST, LAST = ("run", "seed"), ("status", "reason", "key")
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """The outcome of a run; ``values`` are None where unknown, all of them when it failed."""
+
+    point: Point
+    values: dict[MeasureName, float | None]
+    status: Status = "done"
+    reason: str = ""
+
+    @property
+    def known(self) -> dict[MeasureName, float]:
+        """The values that there are."""
+        return {name: value for name, value in self.values.items() if value is not None}
+
+    def cells(self) -> list[str]:
+        """Return the row as text: run, seed, axes, measures, status, reason, key."""
+        chosen = [text(value) for value in self.point.chosen.values()]
+        measured = [_number(self.values.get(name)) for name in self.point.measure]
+        return [
+            str(self.point.number),
+            str(self.point.seed),
+            *chosen,
+            *measured,
+            self.status,
+            self.reason,
+            self.point.key,
+        ]
+
+
+def header(study: Study) -> list[str]:
+    """Return the names of the columns."""
+    return [*FIRST, *study.settings.axes, *study.settings.measure, *LAST]
+
+
+def write_rows(path: Path, study: Study, rows: Iterable[Row]) -> None:
+    """Write the rows in the order of the runs; the file is replaced at once, never half written."""
+    part = path.with_name(f".{path.name}.part")
+    with part.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(header(study))
+        writer.writerows(row.cells() for row in sorted(rows, key=lambda row: row.point.number))
+        file.flush()
+        os.fsync(file.fileno())
+    part.replace(path)
+
+
+def read_rows(path: Path, study: Study) -> list[Row]:
+    """Return the rows of the study's runs, by what determines them; InputError for a file that is none of its.
+
+    Rows of runs that the study does not have (any more) are left out.
+    """
+    points = {point.key: point for point in study.points}
+    with path.open(newline="", encoding="utf-8") as file:
+        lines = list(csv.reader(file))
+    if not lines or lines[0] != header(study):
+        raise InputError(str(path), "has other columns than the study", "the folder of the same study, or a new one")
+    found: list[Row] = []
+    for number, cells in enumerate(lines[1:], start=2):
+        named = dict(zip(lines[0], cells, strict=False))
+        point = points.get(named.get("key", ""))
+        if point is not None:
+            found.append(_row(f"{path}: line {number}", point, named))
+    return found
+
+
+def _row(where: str, point: Point, named: dict[str, str]) -> Row:
+    try:
+        values: dict[MeasureName, float | None] = {
+            name: float(named[name]) if named[name] else None for name in point.measure
+        }
+    except (KeyError, ValueError) as error:
+        raise InputError(where, f"is damaged: {error}", "numbers, or nothing") from error
+    return Row(point, values, "done" if named["status"] == "done" else "failed", named["reason"])
+
+
+def _number(value: float | None) -> str:
+    return "" if value is None else f"{value:.6g}"

@@ -1,0 +1,123 @@
+"""The form of a study file (configs/studies/*.yaml)."""
+
+import difflib
+import json
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, ValidationError
+from pydantic_core import ErrorDetails
+
+from snakeslam.config import input_error, read_tree
+from snakeslam.errors import InputError
+from snakeslam.settings import Settings
+from snakeslam.studies.measures import MeasureName
+
+Scalar = bool | int | float | str | None
+FileName = Annotated[str, Field(pattern=r"^[a-z0-9_]+$")]
+Seed = Annotated[int, Field(ge=0, lt=2**32)]
+
+
+class FigureSettings(Settings):
+    """One figure. ``curves``: measures against an axis; ``yaw_over_time``: the head's yaw in the measured window."""
+
+    name: FileName
+    """Of the file figures/NAME.png."""
+    kind: Literal["curves", "yaw_over_time"]
+    x: str | None = None
+    """The axis along which curves run."""
+    lines: str | None = None
+    """An axis with a line for each value."""
+    panels: str | None = None
+    """An axis with a column for each value."""
+    measures: tuple[MeasureName, ...] = ()
+    """A row of panels for each; empty: all that are measured (curves)."""
+    log: tuple[MeasureName, ...] = ()
+    """Those on a logarithmic scale."""
+    where: dict[str, Scalar] = Field(default_factory=dict[str, Scalar])
+    """Only the runs with these values."""
+
+
+class ReferenceSettings(Settings):
+    """Published values to compare a measure with."""
+
+    source: str
+    measure: MeasureName
+    axis: str
+    values: Annotated[tuple[float, ...], Field(min_length=1)]
+    """One for each value of the axis, in its order."""
+
+
+class StudySettings(Settings):
+    """A study: every combination of the axes' values with every seed."""
+
+    title: str = ""
+    base: str | None = None
+    """A configuration to start from, beside the study file; None: the defaults."""
+    settings: dict[str, Scalar] = Field(default_factory=dict[str, Scalar])
+    """Settings of every run."""
+    axes: Annotated[dict[str, list[Scalar]], Field(min_length=1)]
+    """Settings and the values each takes."""
+    seeds: Annotated[tuple[Seed, ...], Field(min_length=1)] = (1,)
+    start_up_periods: Annotated[int, Field(ge=0, le=100)] = 2
+    """Gait periods after the start that are left out."""
+    measured_periods: Annotated[int, Field(ge=1, le=1000)] = 3
+    """Gait periods that are measured then."""
+    estimator: Literal["auto", "on", "off"] = "auto"
+    """Camera and estimator; auto: in the runs that need them (predictive control, or a measure of the estimate)."""
+    measure: Annotated[tuple[MeasureName, ...], Field(min_length=1)]
+    reference: ReferenceSettings | None = None
+    figures: tuple[FigureSettings, ...] = ()
+
+
+GROUPS: dict[str, type[Settings]] = {"figures": FigureSettings, "reference": ReferenceSettings}
+WORDS = {
+    "list_type": "a list",
+    "tuple_type": "a list",
+    "dict_type": "keys with values",
+    "missing": "has to be given",
+    "too_short": "not empty",
+}
+
+
+def read_study(path: Path) -> StudySettings:
+    """Return the study file ``path``; InputError names file, key and what is allowed."""
+    try:
+        return StudySettings.model_validate(read_tree(path))
+    except ValidationError as error:
+        raise _study_error(path, error.errors()[0]) from error
+
+
+def _study_error(path: Path, error: ErrorDetails) -> InputError:
+    """Turn pydantic's first complaint into one line."""
+    location = [str(part) for part in error["loc"]]
+    where = f"{path}: {'.'.join(location)}"
+    if error["type"] == "extra_forbidden":
+        group = GROUPS.get(location[0], StudySettings) if len(location) > 1 else StudySettings
+        return unknown_name(where, location[-1], list(group.model_fields))
+    if error["type"] == "missing":
+        return InputError(where, "is missing", f"a study has {', '.join(StudySettings.model_fields)}")
+    if error["type"] in WORDS:
+        return InputError(where, f"{_short(error['input'])} is not possible", WORDS[error["type"]])
+    return input_error(error, lambda _: where)
+
+
+def unknown_name(where: str, name: str, known: list[str]) -> InputError:
+    """Return the error for a name that is none of ``known``, with the nearest of them."""
+    close = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
+    return InputError(where, f"unknown: {name}" + (f", did you mean {close[0]}?" if close else ""), ", ".join(known))
+
+
+def _short(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def words(chosen: dict[str, Scalar]) -> str:
+    """Return settings as KEY=VALUE, ..."""
+    return ", ".join(f"{key}={text(value)}" for key, value in chosen.items())
+
+
+def text(value: Scalar) -> str:
+    """Return a value as YAML has it."""
+    return value if isinstance(value, str) else json.dumps(value)

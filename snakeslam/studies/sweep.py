@@ -1,0 +1,133 @@
+"""Works a study through: every run in a process of its own, a row as soon as it ends, the figures at the end."""
+
+import json
+import shutil
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from snakeslam.errors import InputError
+from snakeslam.messages import Float
+from snakeslam.studies.experiment import commit, versions
+from snakeslam.studies.point import Measured, run_point
+from snakeslam.studies.rows import Row, read_rows, write_rows
+from snakeslam.studies.study import Point, Study
+from snakeslam.studies.table import markdown
+from snakeslam.studies.workers import Failure, work_through
+
+RESULTS, SUMMARY, SERIES, FIGURES, FACTS, COPY = (
+    "results.csv",
+    "summary.md",
+    "series",
+    "figures",
+    "study.json",
+    "study.yaml",
+)
+Report = Callable[[Row], None]
+
+
+@dataclass(frozen=True, slots=True)
+class StudyResult:
+    """Where a study was written, its rows in order, and its table."""
+
+    out: Path
+    rows: tuple[Row, ...]
+    table: str
+
+    @property
+    def failed(self) -> int:
+        """Number of runs that failed."""
+        return sum(row.status == "failed" for row in self.rows)
+
+
+def run_study(
+    study: Study,
+    out: Path,
+    workers: int = 1,
+    resume: bool = False,
+    report: Report | None = None,
+    run: Callable[[Point], Measured] = run_point,
+) -> StudyResult:
+    """Run what is not yet done of ``study`` and write the folder ``out``.
+
+    ``resume``: keep the finished rows of ``out``; those that failed are run again. ``report`` hears of each row, the
+    kept ones first. The results do not depend on the number of ``workers``. InputError, before anything runs, when
+    ``out`` is not what it should be.
+    """
+    rows = _prepare(study, out, resume)
+    for row in rows:
+        if report is not None:
+            report(row)
+    done = {row.point.number for row in rows}
+    with closing(work_through([p for p in study.points if p.number not in done], run, workers)) as results:
+        for point, result in results:
+            rows.append(_keep(out, point, result))
+            write_rows(out / RESULTS, study, rows)
+            if report is not None:
+                report(rows[-1])
+    rows.sort(key=lambda row: row.point.number)
+    return StudyResult(out, tuple(rows), write_summary(study, out, rows))
+
+
+def write_summary(study: Study, out: Path, rows: list[Row]) -> str:
+    """Write table and figures of ``rows`` and return the table."""
+    # Matplotlib is slow to load, and workers do not need it.
+    from snakeslam.studies.figures import draw
+
+    table = markdown(study, rows)
+    (out / SUMMARY).write_text(table + "\n", encoding="utf-8")
+    series = {row.point.number: _load_series(out, row.point) for row in rows if row.status == "done"}
+    (out / FIGURES).mkdir(exist_ok=True)
+    for figure in study.settings.figures:
+        draw(study, figure, rows, series, out / FIGURES / f"{figure.name}.png")
+    return table
+
+
+def _prepare(study: Study, out: Path, resume: bool) -> list[Row]:
+    """Make or check the folder; return the rows that are kept."""
+    if not resume and out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise InputError(str(out), "exists already", "a new or an empty folder, or --resume")
+    if resume and not (out / FACTS).is_file():
+        raise InputError(str(out), "holds no study to resume", "the --out of a study that was begun")
+    rows: list[Row] = []
+    if resume and (out / RESULTS).is_file():
+        rows = [
+            row
+            for row in read_rows(out / RESULTS, study)
+            if row.status == "done" and _series_path(out, row.point).is_file()
+        ]
+    try:
+        (out / SERIES).mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(study.path, out / COPY)
+    except OSError as error:
+        raise InputError(str(out), f"the output folder cannot be made: {error.strerror}") from error
+    facts = {"study": study.name, "runs": len(study.points), "versions": versions(), "commit": commit()}
+    facts["config"] = study.points[0].config.model_dump(mode="json")
+    (out / FACTS).write_text(json.dumps(facts, indent=2) + "\n", encoding="utf-8")
+    return rows
+
+
+def _keep(out: Path, point: Point, result: Measured | Failure) -> Row:
+    """Return the row of a result; its series is written beside."""
+    if isinstance(result, Failure):
+        return Row(point, {}, "failed", result.reason)
+    np.savetxt(
+        _series_path(out, point),
+        result.series,
+        fmt="%.6g",
+        delimiter=",",
+        header="t_s,yaw_rad,x_m,y_m",
+        comments="",
+    )
+    return Row(point, result.values)
+
+
+def _series_path(out: Path, point: Point) -> Path:
+    return out / SERIES / f"{point.key}.csv"
+
+
+def _load_series(out: Path, point: Point) -> Float:
+    return np.loadtxt(_series_path(out, point), delimiter=",", skiprows=1, ndmin=2)

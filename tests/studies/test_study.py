@@ -1,0 +1,364 @@
+"""A study: its file's mistakes in one line each, its runs, resuming, workers, table and figures."""
+
+import csv
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+import pytest
+import yaml
+
+from snakeslam.cli import main
+from snakeslam.errors import InputError
+from snakeslam.runtime.assembly import build_backend
+from snakeslam.studies.measures import MEASURES, MeasureName
+from snakeslam.studies.point import Measured, run_point
+from snakeslam.studies.rows import Row
+from snakeslam.studies.study import Point, Study, load_study
+from snakeslam.studies.sweep import run_study
+from snakeslam.studies.table import deviation, markdown
+from snakeslam.studies.workers import Failure, work_through
+
+TINY: dict[str, Any] = {
+    "settings": {
+        "robot.model": "orthogonal24",
+        "robot.head_posture": "flat",
+        "gait.period_s": 1.0,
+        "gait.wavelength_joints": 24,
+        "run.rest_s": 0.0,
+        "sim.world": "blank",
+    },
+    "axes": {"gait.alpha_pi": [0.05, 0.1], "head.controller": ["none", "direction"]},
+    "start_up_periods": 0,
+    "measured_periods": 1,
+    "measure": ["yaw_rms_deg", "sway_pp_m", "roll_rms_deg", "speed_m_s"],
+    "figures": [
+        {"name": "curves", "kind": "curves", "x": "gait.alpha_pi", "lines": "head.controller", "log": ["yaw_rms_deg"]},
+        {"name": "yaw", "kind": "yaw_over_time", "lines": "head.controller", "where": {"gait.alpha_pi": 0.1}},
+    ],
+}
+Changes = Callable[[dict[str, Any]], object]
+
+
+def write(folder: Path, change: Changes = lambda _: None) -> Path:
+    """Write the tiny study with a change."""
+    tree = yaml.safe_load(yaml.safe_dump(TINY))
+    change(tree)
+    path = folder / "tiny.yaml"
+    path.write_text(yaml.safe_dump(tree, sort_keys=False))
+    return path
+
+
+def one_run(tree: dict[str, Any]) -> None:
+    tree["axes"] = {"gait.alpha_pi": [0.1]}
+    tree["figures"] = []
+
+
+def pretend(point: Point) -> Measured:
+    """A run that takes no time: its values tell of its point; alpha .4 fails, .5 takes its process along."""
+    alpha = point.chosen["gait.alpha_pi"]
+    assert isinstance(alpha, float)
+    if alpha == 0.4:
+        raise ValueError("the robot\nfell over")
+    if alpha == 0.5:
+        os._exit(3)
+    return Measured(dict.fromkeys(point.measure, 10.0 * alpha + point.seed), np.zeros((2, 4)))
+
+
+def rows_of(path: Path) -> list[dict[str, str]]:
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_every_measure_is_defined() -> None:
+    assert set(MEASURES) == set(get_args(MeasureName))
+
+
+@pytest.mark.parametrize("name", ["head_stability", "swing_amplitude"])
+def test_the_studies_that_come_along_are_in_order(checkout: Path, name: str) -> None:
+    study = load_study(checkout / "configs" / "studies" / f"{name}.yaml")
+    for point in study.points:
+        assert point.estimator == (point.config.head.controller == "predictive")
+        assert point.config.robot.head_posture == "flat"
+        assert point.config.run.duration_s == pytest.approx(0.5 + 5 * 4.0)
+    assert len({point.key for point in study.points}) == len(study.points)
+    assert len(study.points) == {"head_stability": 4 * 4 * 2 * 3, "swing_amplitude": 4 * 2}[name]
+
+
+def set_in(*path: str, to: Any) -> Changes:
+    def change(tree: dict[str, Any]) -> None:
+        for key in path[:-1]:
+            tree = tree[key]
+        tree[path[-1]] = to
+
+    return change
+
+
+MISTAKES: list[tuple[Changes, str]] = [
+    (set_in("axis", to={}), "tiny.yaml: axis: unknown: axis, did you mean axes? (allowed: title, base, settings, "),
+    (set_in("axes", to={}), "tiny.yaml: axes: {} is not possible (allowed: not empty)"),
+    (set_in("axes", "gait.alpha_pi", to=[]), "tiny.yaml: axes.gait.alpha_pi: is empty (allowed: a list of one or more"),
+    (set_in("axes", "gait.alpha_pi", to=0.1), "tiny.yaml: axes.gait.alpha_pi: 0.1 is not possible (allowed: a list)"),
+    (set_in("axes", "gait.alpha_pi", to=[0.1, 0.1]), "tiny.yaml: axes.gait.alpha_pi: 0.1 is given twice"),
+    (set_in("axes", "gait.alpa_pi", to=[0.1]), "axes.gait.alpa_pi: unknown key gait.alpa_pi, did you mean gait.alpha"),
+    (set_in("axes", "gait.alpha_pi", to=[0.1, 2.0]), "tiny.yaml: axes.gait.alpha_pi: 2.0 is not possible (allowed: <="),
+    (set_in("axes", "run.seed", to=[1]), "tiny.yaml: axes.run.seed: is set by the study itself (allowed: seeds: gives"),
+    (set_in("axes", "gait.period_s", to=[2.0]), "axes.gait.period_s: is among the settings: too"),
+    (set_in("settings", "gait.perod_s", to=2.0), "tiny.yaml: settings.gait.perod_s: unknown key"),
+    (
+        set_in("settings", "sim.world", to="moon"),
+        "tiny.yaml: settings.sim.world: 'moon' is not possible (allowed: corr",
+    ),
+    (
+        lambda tree: (
+            tree.update(axes={"head.neck_joints": [6, 2], "head.controller": ["position"]}, figures=[])
+            or tree["settings"].update({"gait.alpha_pi": 0.5, "gait.wavelength_joints": 16, "gait.period_s": 4.0})
+        ),
+        "tiny.yaml: head.neck_joints=2, head.controller=position: head.neck_joints: 2 yaw joints would bend",
+    ),
+    (
+        lambda tree: (
+            tree.update(axes={"gait.alpha_pi": [0.1, 0.4]}, figures=[])
+            or tree["settings"].update({"gait.period_s": 0.5})
+        ),
+        "tiny.yaml: gait.alpha_pi=0.4: gait.period_s: 0.50 s is too fast",
+    ),
+    (set_in("seeds", to=[]), "tiny.yaml: seeds: [] is not possible (allowed: not empty)"),
+    (set_in("seeds", to=[-1]), "tiny.yaml: seeds.0: -1 is not possible (allowed: >= 0)"),
+    (set_in("measured_periods", to=0), "tiny.yaml: measured_periods: 0 is not possible (allowed: >= 1)"),
+    (set_in("measure", to=["yaw"]), "tiny.yaml: measure.0: 'yaw' is not possible (allowed: yaw_rms_deg, "),
+    (lambda tree: tree.pop("measure"), "tiny.yaml: measure: is missing"),
+    (
+        lambda tree: tree.update(estimator="off", measure=["ate_se3_m"], figures=[]),
+        "tiny.yaml: measure: ate_se3_m needs the estimator (allowed: estimator: auto, on)",
+    ),
+    (
+        lambda tree: tree.update(estimator="off") or tree["axes"]["head.controller"].append("predictive"),
+        "tiny.yaml: estimator: predictive control feeds back the estimate (allowed: auto, on)",
+    ),
+    (set_in("base", to="none.yaml"), "none.yaml: no such configuration file"),
+    (set_in("figures", to=[{"name": "a b", "kind": "curves"}]), "tiny.yaml: figures.0.name: 'a b' is not possible"),
+    (
+        set_in("figures", to=[{"name": "a", "kind": "curves", "y": 1}]),
+        "tiny.yaml: figures.0.y: unknown: y (allowed: nam",
+    ),
+    (set_in("figures", to=[{"name": "a", "kind": "curves"}]), "tiny.yaml: figures.0.x: is missing"),
+    (
+        set_in("figures", to=[{"name": "a", "kind": "curves", "x": "gait.alpha_pi"}]),
+        "tiny.yaml: figures.0: leaves head.controller open",
+    ),
+    (
+        set_in("figures", to=[{"name": "a", "kind": "yaw_over_time", "where": {"gait.alpha_pi": 0.3}}]),
+        "tiny.yaml: figures.0.where.gait.alpha_pi: 0.3 (allowed: 0.05, 0.1)",
+    ),
+    (
+        set_in("reference", to={"source": "a", "measure": "sway_pp_m", "axis": "gait.alpha_pi", "values": [1.0]}),
+        "tiny.yaml: reference.values: 1 values (allowed: 2, one for each of the axis)",
+    ),
+]
+
+
+@pytest.mark.parametrize(("change", "expected"), MISTAKES, ids=[expected[:40] for _, expected in MISTAKES])
+def test_a_mistake_is_one_line_and_nothing_runs(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], change: Changes, expected: str
+) -> None:
+    path = write(tmp_path, change)
+    assert main(["study", str(path), "--out", str(tmp_path / "out")]) == 2
+    said = capsys.readouterr()
+    assert said.out == ""
+    assert said.err.count("\n") == 1
+    assert expected in said.err
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["none.yaml"], "none.yaml: no such"),
+        (["{study}", "--workers", "0"], "--workers: 0 (allowed: 1 to"),
+        (["{study}", "--scheduler", "tcp://host"], "--scheduler: 'tcp://host' is not built yet"),
+        (["{study}", "--resume"], "--resume: needs the folder to go on with (allowed: --out DIR)"),
+        (["{study}", "--resume", "--out", "{folder}/new"], "new: holds no study to resume"),
+        (["{study}", "--out", "{folder}"], "exists already (allowed: a new or an empty folder, or --resume)"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else None,
+)
+def test_a_wrong_argument_is_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], expected: str
+) -> None:
+    study = write(tmp_path)
+    filled = [argument.format(study=study, folder=tmp_path) for argument in arguments]
+    assert main(["study", *filled]) == 2
+    said = capsys.readouterr().err
+    assert said.count("\n") == 1
+    assert expected in said
+    assert list(tmp_path.iterdir()) == [study]
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> tuple[Study, Path]:
+    """The tiny study, really run by two workers through the command line."""
+    folder = tmp_path_factory.mktemp("study")
+    path = write(folder)
+    assert main(["study", str(path), "--workers", "2", "--out", str(folder / "out")]) == 0
+    return load_study(path), folder / "out"
+
+
+def test_rows_stand_in_the_order_of_the_runs(finished: tuple[Study, Path]) -> None:
+    study, out = finished
+    rows = rows_of(out / "results.csv")
+    assert [(row["gait.alpha_pi"], row["head.controller"]) for row in rows] == [
+        ("0.05", "none"),
+        ("0.05", "direction"),
+        ("0.1", "none"),
+        ("0.1", "direction"),
+    ]
+    assert [row["run"] for row in rows] == ["1", "2", "3", "4"]
+    assert [row["key"] for row in rows] == [point.key for point in study.points]
+    assert {row["status"] for row in rows} == {"done"}
+
+
+def test_what_is_measured_is_the_heads_motion(finished: tuple[Study, Path]) -> None:
+    """A wider wave swings the head more, and direction control swings it less."""
+    yaw = [float(row["yaw_rms_deg"]) for row in rows_of(finished[1] / "results.csv")]
+    assert yaw[2] > 1.5 * yaw[0] > 1.0
+    assert yaw[1] < 0.5 * yaw[0]
+    assert yaw[3] < 0.5 * yaw[2]
+
+
+def test_the_result_does_not_depend_on_the_workers_or_what_ran_before(finished: tuple[Study, Path]) -> None:
+    """The last run alone, in this process, gives the very numbers of its row."""
+    study, out = finished
+    measured = run_point(study.points[-1])
+    assert Row(study.points[-1], measured.values).cells() == list(rows_of(out / "results.csv")[-1].values())
+
+
+def test_table_and_figures_are_written(finished: tuple[Study, Path]) -> None:
+    out = finished[1]
+    for name in ("curves", "yaw"):
+        assert (out / "figures" / f"{name}.png").read_bytes().startswith(b"\x89PNG")
+    table = (out / "summary.md").read_text()
+    assert "| `gait.alpha_pi` | `head.controller` | head yaw RMS (deg) | sway, peak to peak (m) |" in table
+    assert table.count("\n| 0.") == 4
+
+
+def test_the_motion_is_the_same_with_and_without_the_camera(finished: tuple[Study, Path]) -> None:
+    config = finished[0].points[0].config
+    truths: list[np.ndarray] = []
+    for camera in (True, False):
+        backend = build_backend(config, camera=camera)
+        for _ in range(5):
+            backend.step(None)
+        truths.append(np.array([sample.T_WI for sample in backend.take_ground_truth()]))
+        backend.close()
+    assert len(truths[0]) == 10
+    np.testing.assert_array_equal(truths[0], truths[1])
+
+
+def test_resume_runs_what_is_missing_and_gives_the_same_file(
+    finished: tuple[Study, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    study, out = finished
+    whole = (out / "results.csv").read_bytes()
+    lines = whole.decode().splitlines(keepends=True)
+    (out / "results.csv").write_text("".join([lines[0], lines[4], lines[1], lines[2]]))
+    ran: list[int] = []
+    result = run_study(study, out, resume=True, report=lambda row: ran.append(row.point.number), run=_only_third)
+    assert ran == [4, 1, 2, 3]
+    assert result.rows[2].status == "failed"
+    assert result.failed == 1
+    # What failed is run again.
+    assert main(["study", str(study.path), "--workers", "1", "--out", str(out), "--resume"]) == 0
+    assert (out / "results.csv").read_bytes() == whole
+
+
+def _only_third(point: Point) -> Measured:
+    raise InputError("run", f"{point.number} again")
+
+
+def _failing(tree: dict[str, Any]) -> None:
+    tree["axes"] = {"gait.alpha_pi": [0.1, 0.5, 0.4, 0.2]}
+    tree["figures"] = []
+    tree["settings"]["gait.period_s"] = 10.0
+
+
+def test_a_run_that_fails_is_a_row_and_stops_no_other(tmp_path: Path) -> None:
+    study = load_study(write(tmp_path, _failing))
+    out, counts = tmp_path / "out", list[int]()
+    result = run_study(study, out, 1, report=lambda _: counts.append(len(rows_of(out / "results.csv"))), run=pretend)
+    rows = rows_of(out / "results.csv")
+    assert result.failed == 2
+    # Each row is there as soon as its run has ended.
+    assert counts == [1, 2, 3, 4]
+    assert [row["status"] for row in rows] == ["done", "failed", "failed", "done"]
+    assert rows[1]["reason"] == "its process ended with code 3"
+    assert rows[2]["reason"] == "ValueError: the robot fell over"
+    assert rows[2]["sway_pp_m"] == ""
+    assert [float(rows[k]["sway_pp_m"]) for k in (0, 3)] == [2.0, 3.0]
+    assert "- failed: gait.alpha_pi=0.5, seed 1: its process ended with code 3" in result.table
+
+
+def test_a_study_with_a_failure_ends_with_1(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A run whose simulator cannot be made: the physics' rate does not fit the IMU's."""
+    path = write(tmp_path, lambda tree: one_run(tree) or tree["settings"].update({"sim.physics.rate_hz": 401}))
+    assert main(["study", str(path), "--workers", "1", "--out", str(tmp_path / "out")]) == 1
+    said = capsys.readouterr()
+    assert "1 of 1 runs failed" in said.err
+    assert "sim.physics.rate_hz: 401 is not possible (allowed: multiples of 400)" in said.out
+
+
+def test_resume_refuses_the_folder_of_another_study(finished: tuple[Study, Path], tmp_path: Path) -> None:
+    other = load_study(write(tmp_path, lambda tree: tree.update(measure=["speed_m_s"], figures=[])))
+    before = (finished[1] / "results.csv").read_bytes()
+    with pytest.raises(InputError, match="has other columns than the study"):
+        run_study(other, finished[1], resume=True, run=pretend)
+    assert (finished[1] / "results.csv").read_bytes() == before
+
+
+def _row(study: Study, number: int, sway_m: float) -> Row:
+    return Row(study.points[number], {"sway_pp_m": sway_m})
+
+
+def test_the_reference_is_set_beside_with_its_rms_deviation(tmp_path: Path) -> None:
+    """.11 against .10 and .18 against .20: both 10 % off."""
+    reference = {"source": "Paper", "measure": "sway_pp_m", "axis": "gait.alpha_pi", "values": [0.1, 0.2]}
+
+    def change(tree: dict[str, Any]) -> None:
+        tree.update(axes={"gait.alpha_pi": [0.1, 0.2]}, figures=[], reference=reference, measure=["sway_pp_m"])
+
+    study = load_study(write(tmp_path, change))
+    assert study.settings.reference is not None
+    rows = [_row(study, 0, 0.11), _row(study, 1, 0.18)]
+    assert deviation(study, study.settings.reference, rows) == pytest.approx(0.1)
+    assert deviation(study, study.settings.reference, rows[:1]) is None
+    assert markdown(study, rows).splitlines()[-2:] == [
+        "| Paper | 0.100 | 0.200 |  |",
+        "| measured | 0.110 | 0.180 | 10.0 % |",
+    ]
+
+
+def test_the_table_tells_the_range_where_seeds_differ(tmp_path: Path) -> None:
+    study = load_study(write(tmp_path, lambda tree: one_run(tree) or tree.update(seeds=[1, 2], measure=["sway_pp_m"])))
+    differing = markdown(study, [_row(study, 0, 0.1), _row(study, 1, 0.2)])
+    same = markdown(study, [_row(study, 0, 0.1), _row(study, 1, 0.1)])
+    assert "| 0.1 | 0.150 (0.100 to 0.200) | 2 |" in differing
+    assert "| 0.1 | 0.100 | 2 |" in same
+
+
+def _square(job: int) -> int:
+    return job * job
+
+
+def test_leaving_the_work_early_leaves_no_process(tmp_path: Path) -> None:
+    import multiprocessing
+
+    results: Sequence[tuple[int, int | Failure]] = []
+    work = work_through(range(4), _square, 2)
+    results = [next(work)]
+    work.close()
+    assert results[0][1] == results[0][0] ** 2
+    assert multiprocessing.active_children() == []

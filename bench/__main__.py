@@ -61,7 +61,7 @@ def run(seconds: float) -> tuple[Recorder, float]:
     config = load_config(None)
     recorder = Recorder()
     with closing(build_backend(config)) as backend:
-        loop = Loop(backend, build_control(config, backend.model), build_slam(config, backend.rig), recorder)
+        loop = Loop(backend, build_control(config, backend), build_slam(config, backend), recorder)
         assert loop.control is not None
         loop.control.command(GaitCommand(0, config.gait.name))
         started = perf_counter()

@@ -30,6 +30,8 @@ class Equation:
         return "\n".join(lines)
 
 
+GAIT_MODELS = "tests/estimation/test_gait_models.py"
+PLANAR = "tests/estimation/test_planar.py"
 PREINTEGRATION = "tests/estimation/test_preintegration.py"
 SUMS = ("snakeslam.estimation.preintegration.preintegrate", PREINTEGRATION)
 DIRECTION, POSITION = "snakeslam.head.direction", "snakeslam.head.position"
@@ -237,53 +239,107 @@ EQUATIONS: dict[int, Equation] = {
             PREINTEGRATION,
             note="Printed with - g dt in the velocity row and the accelerometer's bias twice.",
         ),
-        Equation(28, "Centre of mass", "p = 1/N [ e^T X ; e^T Y ]", note="The sums run to N."),
-        Equation(29, "Links joined end to end", "D X + l A cos(theta) = 0,   D Y + l A sin(theta) = 0"),
+        Equation(
+            28,
+            "Centre of mass",
+            "p = 1/N [ e^T X ; e^T Y ]",
+            "snakeslam.estimation.gait_models.centre_of_mass",
+            GAIT_MODELS,
+            note="The sums run to N.",
+        ),
+        Equation(
+            29,
+            "Links joined end to end",
+            "D X + l A cos(theta) = 0,   D Y + l A sin(theta) = 0",
+            "snakeslam.estimation.gait_models.Rods.gaps",
+            GAIT_MODELS,
+        ),
         Equation(
             30,
             "Links from the centre of mass and the angles",
             "T X = [ -l A cos(theta) ; p_x ],   T Y = [ -l A sin(theta) ; p_y ]\n"
             "T = [ D ; e^T/N ],   T^-1 = [ D^T (D D^T)^-1, e ]",
+            "snakeslam.estimation.gait_models.Rods.positions",
+            GAIT_MODELS,
         ),
         Equation(
             31,
             "Velocities of the links",
             "dX/dt = l K^T S_theta dtheta/dt + e dp_x/dt\n"
             "dY/dt = - l K^T C_theta dtheta/dt + e dp_y/dt,      K = A^T (D D^T)^-1 D",
-            note="K is not defined in print.",
+            "snakeslam.estimation.gait_models.Rods.velocities",
+            GAIT_MODELS,
+            note="K is not defined in print. An identity: dp and the turn come from a law of friction (Rods.twist).",
         ),
-        Equation(32, "Arc rolling: the links on the ground", "v_wheel = omega r"),
-        Equation(33, "Arc rolling: the lifted link", "r_l = l sin(A/2 cos(omega t)),   theta = omega t"),
+        Equation(
+            32,
+            "Arc rolling: the links on the ground",
+            "v_wheel = omega r",
+            "snakeslam.estimation.gait_models.wheel_speed",
+            GAIT_MODELS,
+        ),
+        Equation(
+            33,
+            "Arc rolling: the lifted link",
+            "r_l = l sin(A/2 cos(omega t)),   theta = omega t",
+            "snakeslam.estimation.gait_models.swing_radius",
+            GAIT_MODELS,
+        ),
         Equation(
             34,
             "Arc rolling: its velocity",
             "v_x = d/dt ( r_l cos theta ),   v_z = d/dt ( r_l sin theta )",
+            "snakeslam.estimation.gait_models.swing_velocity",
+            GAIT_MODELS,
         ),
         Equation(
             35,
             "Arc rolling: forward speed",
             "v(t) = v_wheel + v_x    0 < t <= T/4\n     = v_wheel          T/4 < t <= T/2",
+            "snakeslam.estimation.gait_models.paper_rolling_speed",
+            GAIT_MODELS,
         ),
         Equation(
             36,
             "Arc rolling: forward speed, written out",
             "v = omega r - omega l [ A/2 cos(A/2 cos(omega t)) sin(omega t) cos(omega t)\n"
             "                        + sin(A/2 cos(omega t)) sin(omega t) ]",
-            note="Follows from (34), but a planar arc lies flat and lifts nothing; see EQUATIONS for the better form.",
+            "snakeslam.estimation.gait_models.lifting_speed",
+            GAIT_MODELS,
+            note="Follows from (34), but a planar arc lies flat and lifts nothing. Better: the links' normals n fan\n"
+            "over +-N A/4, V = argmin int |V - omega r n(s)| ds (gait_models.fan_rolling_speed).",
         ),
-        Equation(37, "State of the planar filter", "x = [ p_x, p_y, theta, v, omega ]^T"),
+        Equation(
+            37,
+            "State of the planar filter",
+            "x = [ p_x, p_y, theta, v, omega ]^T",
+            "snakeslam.estimation.planar.PlanarState",
+            PLANAR,
+        ),
         Equation(
             38,
             "Its motion",
             "x_{k+1} = f(x_k, u_k, dt) + w_k\n"
             "p += v dt (cos theta, sin theta),   theta += omega dt,   v and omega from the motion model",
+            "snakeslam.estimation.planar.move",
+            PLANAR,
             note="f is not given in print.",
         ),
-        Equation(39, "Its measurement", "z_k = h(x_k) + v_k"),
+        Equation(
+            39,
+            "Its measurement",
+            "z_k = h(x_k) + v_k",
+            "snakeslam.estimation.planar.observe",
+            PLANAR,
+            note="z is the head's (x, y, yaw) of vision and IMU, h = (p + R(theta) r_V, theta + psi), r_V and psi\n"
+            "from the joints.",
+        ),
         Equation(
             40,
             "Its prediction",
             "x_{k|k-1} = f(x_{k-1|k-1}, u_{k-1}, dt)\nP_{k|k-1} = F P_{k-1|k-1} F^T + G Q G^T",
+            "snakeslam.estimation.planar.PlanarState.predict",
+            PLANAR,
             note="F is taken at x_{k-1|k-1}.",
         ),
         Equation(

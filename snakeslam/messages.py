@@ -57,7 +57,7 @@ class CameraFrame:
 
 @dataclass(frozen=True, slots=True)
 class JointState:
-    """What the servos report, joints from tail to head, all (N,)."""
+    """What the servos report, joints from tail to head, all (N,); a current or temperature that is unknown is NaN."""
 
     t_ns: int
     q_rad: Float

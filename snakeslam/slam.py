@@ -3,28 +3,43 @@
 from snakeslam.calibration import SensorRig
 from snakeslam.errors import NotBuiltError
 from snakeslam.estimation.base import Estimator, FrameEstimate
+from snakeslam.estimation.planar_odometry import GaitOdometry, PlanarOdometry
 from snakeslam.estimation.settings import EstimatorSettings
 from snakeslam.estimation.vio import VisualInertialOdometry
 from snakeslam.estimation.visual import VisualOdometry
 from snakeslam.mapping.keyframes import KeyframeMapper
 from snakeslam.mapping.settings import MappingSettings
 from snakeslam.messages import CameraFrame, JointTarget, MapChunk, Packet, SlamUpdate
+from snakeslam.robot.model import SnakeModel
 
 
-def build_estimator(settings: EstimatorSettings, rig: SensorRig, seed: int) -> Estimator:
+def build_estimator(
+    settings: EstimatorSettings, rig: SensorRig, seed: int, model: SnakeModel | None = None
+) -> Estimator:
     """Return the estimator that ``settings.mode`` names; NotBuiltError for one that is still to come."""
     if settings.mode == "visual":
         return VisualOdometry(settings, rig, seed)
     if settings.mode == "vio":
         return VisualInertialOdometry(settings, rig, seed)
-    raise NotBuiltError("estimator.mode", settings.mode, "visual, vio")
+    if settings.mode == "planar":
+        return PlanarOdometry(settings, VisualInertialOdometry(settings, rig, seed), model)
+    if settings.mode == "gait":
+        return GaitOdometry(settings, model)
+    raise NotBuiltError("estimator.mode", settings.mode, "visual, vio, planar, gait")
 
 
 class Slam:
     """The estimator followed by the mapper; the same in a scripted run, live and over a recording."""
 
-    def __init__(self, estimator: EstimatorSettings, mapping: MappingSettings, rig: SensorRig, seed: int) -> None:
-        self._estimator = build_estimator(estimator, rig, seed)
+    def __init__(
+        self,
+        estimator: EstimatorSettings,
+        mapping: MappingSettings,
+        rig: SensorRig,
+        seed: int,
+        model: SnakeModel | None = None,
+    ) -> None:
+        self._estimator = build_estimator(estimator, rig, seed, model)
         self._mapper = KeyframeMapper(mapping, rig.cam0)
         self._T_IC = rig.cam0.T_IC
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from snakeslam.equations import EQUATIONS, equation
+from snakeslam.equations import EQUATIONS, Equation, equation
 from snakeslam.errors import InputError
 
 NAMED = re.compile(r"Eq\. \((\d+)\)(?:-\((\d+)\))?")
@@ -66,7 +66,7 @@ def test_an_equation_is_printed_with_its_home_and_test() -> None:
     assert "Eq. (1)" in text
     assert "home: snakeslam.gaits.parametric.joint_angles" in text
     assert "test: tests/gaits/" in text
-    assert "home: not built yet" in equation(37).describe()
+    assert "home: not built yet" in Equation(99, "Later", "x = y").describe()
 
 
 @pytest.mark.parametrize("number", [0, 42, -1])

@@ -4,11 +4,12 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from snakeslam.estimation.planar_settings import PlanarSettings
 from snakeslam.estimation.visual_settings import VisualSettings
 from snakeslam.settings import Settings
 
 Positive = Annotated[float, Field(gt=0)]
-Mode = Literal["visual", "vio", "planar", "fused"]
+Mode = Literal["visual", "vio", "planar", "fused", "gait"]
 
 
 class FrontendSettings(Settings):
@@ -72,3 +73,4 @@ class EstimatorSettings(Settings):
     window: WindowSettings = WindowSettings()
     health: HealthSettings = HealthSettings()
     visual: VisualSettings = VisualSettings()
+    planar: PlanarSettings = PlanarSettings()

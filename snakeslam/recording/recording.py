@@ -1,7 +1,8 @@
 """A recording on disk as the rest of the house sees it, whatever folder layout it came in."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from heapq import merge
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +10,9 @@ from numpy.typing import NDArray
 
 from snakeslam.calibration import SensorRig
 from snakeslam.errors import InputError
-from snakeslam.messages import CameraFrame, Float, GroundTruth, ImuSample
+from snakeslam.messages import CameraFrame, Float, GroundTruth, ImuSample, JointState, Packet
 from snakeslam.recording.images import check_image, read_depth, read_gray
+from snakeslam.robot.model import SnakeModel
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,6 +22,7 @@ class FrameFile:
     t_ns: int
     image: Path
     depth: Path | None = None
+    exposure_ns: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,8 +35,21 @@ class ImuTable:
 
 
 @dataclass(frozen=True, slots=True)
+class JointTable:
+    """Joint states ``t_ns`` (M,), ``q_rad`` (M, N), ``dq_rad_s`` (M, N) of the robot ``model``, tail to head."""
+
+    model: SnakeModel
+    t_ns: NDArray[np.int64]
+    q_rad: Float
+    dq_rad_s: Float
+
+
+@dataclass(frozen=True, slots=True)
 class Recording:
-    """Sensors and, where known, the truth; stamps are the IMU's time, images are read when they are wanted."""
+    """Sensors and, where known, the truth; stamps are the IMU's time, images are read when they are wanted.
+
+    ``seed`` is that of the estimator when the recording was made.
+    """
 
     name: str
     kind: str
@@ -41,6 +57,8 @@ class Recording:
     frames: tuple[FrameFile, ...]
     imu: ImuTable | None
     truth: tuple[GroundTruth, ...]
+    joints: JointTable | None = None
+    seed: int | None = None
 
     def check_images(self) -> None:
         """Raise InputError for the first image that is missing, truncated or of another size; reads no pixels."""
@@ -49,24 +67,27 @@ class Recording:
             if frame.depth is not None:
                 check_image(frame.depth, self.rig.cam0.resolution, bits=16)
 
-    def packets(self, start_ns: int = 0) -> Iterator[ImuSample | CameraFrame]:
-        """Yield packets from ``start_ns`` on in time order; at equal stamps the IMU's sample comes first."""
-        k = 0
-        count = 0 if self.imu is None else len(self.imu.t_ns)
-        for seq, frame in enumerate(self.frames):
-            while k < count and self.imu is not None and self.imu.t_ns[k] <= frame.t_ns:
-                if self.imu.t_ns[k] >= start_ns:
-                    yield self._imu_sample(self.imu, k)
-                k += 1
-            if frame.t_ns >= start_ns:
-                yield self.read_frame(seq)
+    def packets(self, start_ns: int = 0) -> Iterator[Packet]:
+        """Yield packets from ``start_ns`` to the last frame in time order; at equal stamps IMU, joints, camera."""
+        sources: list[tuple[list[int], Callable[[int], Packet]]] = []
+        if self.imu is not None:
+            sources.append((self.imu.t_ns.tolist(), self._imu_sample))
+        if self.joints is not None:
+            sources.append((self.joints.t_ns.tolist(), self._joint_state))
+        sources.append(([frame.t_ns for frame in self.frames], self.read_frame))
+        stamped = ([(t_ns, rank, k) for k, t_ns in enumerate(stamps)] for rank, (stamps, _) in enumerate(sources))
+        for t_ns, rank, k in merge(*stamped):
+            if t_ns > self.frames[-1].t_ns:
+                return
+            if t_ns >= start_ns:
+                yield sources[rank][1](k)
 
     def read_frame(self, seq: int) -> CameraFrame:
         """Decode one frame; InputError names a damaged file."""
         file = self.frames[seq]
         gray, rgb = read_gray(file.image)
         self._check_shape(file.image, gray.shape)
-        return CameraFrame(t_ns=file.t_ns, seq=seq, gray=gray, rgb=rgb, depth_m=self._read_depth(file))
+        return CameraFrame(file.t_ns, seq, gray, rgb, self._read_depth(file), file.exposure_ns)
 
     def _read_depth(self, file: FrameFile) -> NDArray[np.float32] | None:
         """A frame of an RGB-D camera whose depth image is missing has unknown depth everywhere."""
@@ -85,6 +106,12 @@ class Recording:
         if shape != (height, width):
             raise InputError(str(path), f"the image is {shape[1]} x {shape[0]} px", f"{width} x {height}")
 
-    @staticmethod
-    def _imu_sample(imu: ImuTable, k: int) -> ImuSample:
-        return ImuSample(t_ns=int(imu.t_ns[k]), gyro_I=imu.gyro_I[k], accel_I=imu.accel_I[k])
+    def _imu_sample(self, k: int) -> ImuSample:
+        assert self.imu is not None
+        return ImuSample(t_ns=int(self.imu.t_ns[k]), gyro_I=self.imu.gyro_I[k], accel_I=self.imu.accel_I[k])
+
+    def _joint_state(self, k: int) -> JointState:
+        """Current and temperature are not recorded: NaN."""
+        assert self.joints is not None
+        unknown = np.full(self.joints.model.joint_count, np.nan)
+        return JointState(int(self.joints.t_ns[k]), self.joints.q_rad[k], self.joints.dq_rad_s[k], unknown, unknown)

@@ -4,11 +4,11 @@ from pathlib import Path
 
 from snakeslam.backends.base import Backend
 from snakeslam.backends.replay.backend import ReplayBackend
-from snakeslam.calibration import SensorRig
 from snakeslam.config import Config
 from snakeslam.control import Control
 from snakeslam.errors import InputError
-from snakeslam.robot.model import SnakeModel, snake_model
+from snakeslam.estimation.settings import Mode
+from snakeslam.robot.model import snake_model
 from snakeslam.slam import Slam
 
 
@@ -28,11 +28,30 @@ def build_backend(config: Config, recording: Path | None = None, camera: bool = 
     return SimBackend(snake_model(config.robot), config.sim, config.run.seed, camera)
 
 
-def build_control(config: Config, model: SnakeModel | None) -> Control | None:
-    """Return the control of ``model``, None for a recording without a robot."""
-    return None if model is None else Control(model, config.gait, config.head)
+def mode_for(backend: Backend) -> Mode:
+    """Return the estimator's mode that the sensors of a recording allow."""
+    return "visual" if backend.rig.imu0 is None else "vio"
 
 
-def build_slam(config: Config, rig: SensorRig) -> Slam:
-    """Return slam for the sensors of ``rig``; InputError when the mode needs a sensor that is not there."""
-    return Slam(config.estimator, config.mapping, rig, config.run.seed)
+def fit_to_recording(config: Config, backend: Backend) -> Config:
+    """Return the settings, what was left out of them as the recording says: the estimator's mode and its seed."""
+    if not isinstance(backend, ReplayBackend):
+        return config
+    estimator, run, seed = config.estimator, config.run, backend.recording.seed
+    if "mode" not in estimator.model_fields_set:
+        estimator = estimator.model_copy(update={"mode": mode_for(backend)})
+    if "seed" not in run.model_fields_set and seed is not None:
+        run = run.model_copy(update={"seed": seed})
+    return config.model_copy(update={"estimator": estimator, "run": run})
+
+
+def build_control(config: Config, backend: Backend) -> Control | None:
+    """Return the control of the backend's robot; None for a recording, which nothing can move."""
+    if backend.model is None or isinstance(backend, ReplayBackend):
+        return None
+    return Control(backend.model, config.gait, config.head)
+
+
+def build_slam(config: Config, backend: Backend) -> Slam:
+    """Return slam for the backend's sensors and robot; InputError when the mode needs one that is not there."""
+    return Slam(config.estimator, config.mapping, backend.rig, config.run.seed, backend.model)

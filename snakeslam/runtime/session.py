@@ -18,13 +18,12 @@ import numpy as np
 
 from snakeslam.backends.base import Backend
 from snakeslam.config import Config
-from snakeslam.control import Control
 from snakeslam.errors import InputError, SnakeslamError
 from snakeslam.gaits.advance import advance_notice
 from snakeslam.gaits.catalogue import resolve
 from snakeslam.gaits.command import commanded_gait
 from snakeslam.messages import GaitCommand, HeadCommand
-from snakeslam.runtime.assembly import build_backend, build_control, build_slam
+from snakeslam.runtime.assembly import build_backend, build_control, build_slam, mode_for
 from snakeslam.runtime.live import LiveSink
 from snakeslam.runtime.lockstep import Loop
 from snakeslam.runtime.outbox import Outbox
@@ -76,10 +75,9 @@ class Session:
         backend = spec.build(spec) if spec.build is not None else build_backend(spec.config, spec.recording)
         self._model = backend.model
         self._guard: Guard | None = None
-        self._control: Control | None = None
-        if backend.model is not None:
+        self._control = build_control(spec.config, backend)
+        if self._control is not None and backend.model is not None:
             self._guard = Guard(backend.model.limits, spec.estop_reason)
-            self._control = build_control(spec.config, backend.model)
             backend = GuardedBackend(backend, self._guard)
         self.backend = backend
         self._gait = configured_gait(spec.config) if self._control else None
@@ -88,12 +86,12 @@ class Session:
         self._done = 0
         self._refusals: deque[Refusal] = deque(maxlen=REFUSALS_KEPT)
         self._pacer = Pacer()
-        config = _with_estimator_mode(spec, has_imu=backend.rig.imu0 is not None)
+        config = _with_estimator_mode(spec, backend)
         # The visual estimator starts level with its camera, however that is held.
         self._sink = LiveSink(
             backend.model, put, backend.rig.cam0.T_IC[:3, :3], gravity_known=config.estimator.mode != "visual"
         )
-        self._loop = Loop(backend, self._control, build_slam(config, backend.rig), self._sink)
+        self._loop = Loop(backend, self._control, build_slam(config, backend), self._sink)
         self._configured = spec.config.gait
         self._judge_gait()
         self._autostart_ns = backend.t_ns + round(config.run.rest_s * 1e9) if spec.autostart else None
@@ -219,10 +217,10 @@ def configured_gait(config: Config) -> GaitCommand:
     )
 
 
-def _with_estimator_mode(spec: SessionSpec, *, has_imu: bool) -> Config:
+def _with_estimator_mode(spec: SessionSpec, backend: Backend) -> Config:
     mode = spec.estimator_mode
     if mode is None and spec.recording is not None:
-        mode = "vio" if has_imu else "visual"
+        mode = mode_for(backend)
     if mode is None:
         return spec.config
     return spec.config.model_copy(update={"estimator": spec.config.estimator.model_copy(update={"mode": mode})})

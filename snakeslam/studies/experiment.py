@@ -16,12 +16,16 @@ from typing import Any
 from snakeslam.backends.base import Backend
 from snakeslam.backends.replay.backend import ReplayBackend
 from snakeslam.config import Config
+from snakeslam.control import Control
+from snakeslam.errors import InputError
 from snakeslam.gaits.catalogue import resolve
 from snakeslam.mapping.export import write_ply
 from snakeslam.messages import GaitCommand
+from snakeslam.recording.datasets import SENSORS
 from snakeslam.recording.trajectory import write_trajectory
+from snakeslam.recording.tum_writer import TumWriter
 from snakeslam.robot.model import snake_model
-from snakeslam.runtime.assembly import build_backend, build_control, build_slam
+from snakeslam.runtime.assembly import build_backend, build_control, build_slam, fit_to_recording
 from snakeslam.runtime.lockstep import Loop
 from snakeslam.studies.metrics import HeadWindow, Metrics, evaluate, tracked_poses
 from snakeslam.studies.recorder import Recorder
@@ -55,15 +59,24 @@ def run_experiment(
     """
     if recording is None:
         # What the joints cannot do is said before a simulator starts.
-        build_control(config, snake_model(config.robot))
+        Control(snake_model(config.robot), config.gait, config.head)
     place = out or default_out(recording.resolve().name if recording else f"{config.gait.name}-s{config.run.seed}")
     with new_directory(place) as part, closing(build_backend(config, recording)) as backend:
-        recorder = Recorder()
-        loop = Loop(backend, build_control(config, backend.model), build_slam(config, backend.rig), recorder)
+        config = fit_to_recording(config, backend)
+        recorder = Recorder(_sensor_writer(config, recording, part, backend))
+        loop = Loop(backend, build_control(config, backend), build_slam(config, backend), recorder)
         wall_s = turn_loop(loop, config, _end_ns(config, backend, duration_s), progress or (lambda _: None))
         metrics = _evaluate(config, backend, recorder, wall_s)
         _write(part, config, recording, recorder, metrics)
     return RunResult(place, metrics)
+
+
+def _sensor_writer(config: Config, recording: Path | None, part: Path, backend: Backend) -> TumWriter | None:
+    if not config.recording.enabled:
+        return None
+    if recording is not None:
+        raise InputError("recording.enabled", "a replay has its sensors already", "false")
+    return TumWriter(part / SENSORS, backend.rig, backend.model, config.run.seed)
 
 
 def _end_ns(config: Config, backend: Backend, duration_s: float | None) -> int:
@@ -90,7 +103,7 @@ def turn_loop(loop: Loop, config: Config, end_ns: int, progress: Progress) -> fl
 
 def _evaluate(config: Config, backend: Backend, recorder: Recorder, wall_s: float) -> Metrics:
     head = None
-    if backend.model is not None and recorder.first_ns is not None:
+    if not isinstance(backend, ReplayBackend) and backend.model is not None and recorder.first_ns is not None:
         period_s = 2.0 * math.pi / resolve(config.gait, backend.model).omega
         start_up_s = config.run.rest_s + START_UP_PERIODS * period_s
         head = HeadWindow(recorder.first_ns + round(start_up_s * 1e9), period_s)
@@ -111,6 +124,8 @@ def _write(part: Path, config: Config, recording: Path | None, recorder: Recorde
         write_trajectory(part / "ground_truth.tum", ((sample.t_ns, sample.T_WI) for sample in recorder.truth))
     write_ply(part / "map.ply", [recorder.chunks[key] for key in sorted(recorder.chunks)])
     recorder.write_joints(part / "joints.csv")
+    if recorder.sensors is not None:
+        recorder.sensors.finish(recorder.truth)
     facts: dict[str, Any] = {
         "written": f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%SZ}",
         "recording": str(recording.resolve()) if recording else None,

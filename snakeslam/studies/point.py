@@ -43,8 +43,8 @@ def run_point(point: Point) -> Measured:
     config = point.config
     with closing(build_backend(config, camera=point.estimator)) as backend:
         recorder = Recorder()
-        slam = build_slam(config, backend.rig) if point.estimator else None
-        loop = Loop(backend, build_control(config, backend.model), slam, recorder)
+        slam = build_slam(config, backend) if point.estimator else None
+        loop = Loop(backend, build_control(config, backend), slam, recorder)
         end_ns = backend.t_ns + round(config.run.duration_s * 1e9)
         wall_s = turn_loop(loop, config, end_ns, lambda _: None)
         gravity_known = backend.rig.imu0 is not None

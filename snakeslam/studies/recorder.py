@@ -13,12 +13,17 @@ from snakeslam.messages import (
     Packet,
     SlamUpdate,
 )
+from snakeslam.recording.tum_writer import TumWriter
 
 
 class Recorder:
-    """The sink of a scripted run: updates, truth, times, the newest revision of each chunk, joint rows."""
+    """The sink of a scripted run: updates, truth, times, the newest revision of each chunk, joint rows.
 
-    def __init__(self) -> None:
+    ``sensors`` gets every packet, where the sensors are to be recorded.
+    """
+
+    def __init__(self, sensors: TumWriter | None = None) -> None:
+        self.sensors = sensors
         self.updates: list[SlamUpdate] = []
         self.truth: list[GroundTruth] = []
         self.frame_ms: list[float] = []
@@ -33,7 +38,9 @@ class Recorder:
         self._target = target
 
     def on_packet(self, packet: Packet) -> None:
-        """Note the time; keep joint states beside their commands."""
+        """Note the time; keep joint states beside their commands; record the sensors."""
+        if self.sensors is not None:
+            self.sensors.add(packet)
         self.first_ns = packet.t_ns if self.first_ns is None else self.first_ns
         self.last_ns = packet.t_ns
         if isinstance(packet, JointState) and self._target is not None:

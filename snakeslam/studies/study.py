@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from snakeslam.config import Config, Override, load_config, override_config
+from snakeslam.control import Control
 from snakeslam.errors import InputError
 from snakeslam.gaits.catalogue import resolve
 from snakeslam.robot.model import snake_model
-from snakeslam.runtime.assembly import build_control
 from snakeslam.studies.measures import MEASURES, MeasureName
 from snakeslam.studies.study_checks import check_study
 from snakeslam.studies.study_file import Scalar, StudySettings, read_study, words
@@ -96,7 +96,7 @@ def _point(
     config = override_config(base, [*given, Override("run.seed", seed, f"{path}: seeds")])
     model = snake_model(config.robot)
     try:
-        build_control(config, model)
+        Control(model, config.gait, config.head)
         period_s = 2.0 * math.pi / resolve(config.gait, model).omega
         duration_s = config.run.rest_s + (settings.start_up_periods + settings.measured_periods) * period_s
         config = override_config(config, [Override("run.duration_s", round(duration_s, 6), "duration")])

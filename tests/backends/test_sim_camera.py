@@ -161,6 +161,7 @@ def test_a_frame_is_what_the_calibration_says():
     assert frame.rgb.shape == (height, width, 3)
     assert frame.depth_m.dtype == np.float32
     assert frame.exposure_ns == 8_000_000
-    assert CALIBRATION.depth_scale is None
+    units = frame.depth_m * np.float32(CALIBRATION.depth_scale)
+    np.testing.assert_allclose(units, np.rint(units), atol=1e-3, err_msg="depth comes in whole units")
     np.testing.assert_allclose(2 * np.rad2deg(np.arctan(320 / FX)), 80.0)
     np.testing.assert_allclose(CALIBRATION.T_CI, PRESETS["sim35"].T_CI)

@@ -8,6 +8,7 @@ from snakeslam.errors import InputError
 from snakeslam.messages import GroundTruth, JointTarget, Packet
 from snakeslam.recording.datasets import open_recording
 from snakeslam.recording.settings import ReplaySettings
+from snakeslam.robot.model import SnakeModel
 
 
 class ReplayBackend:
@@ -35,9 +36,9 @@ class ReplayBackend:
         return self.recording.rig
 
     @property
-    def model(self) -> None:
-        """A recording of these kinds has no robot."""
-        return
+    def model(self) -> SnakeModel | None:
+        """The robot whose joints were recorded, None without."""
+        return None if self.recording.joints is None else self.recording.joints.model
 
     @property
     def t_ns(self) -> int:

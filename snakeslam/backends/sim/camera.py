@@ -28,6 +28,8 @@ AMBIENT, DIFFUSE = 0.75, 0.4
 EDGE_FRACTION = 0.06
 """A step in depth larger than this fraction of the depth leaves a hole."""
 SMALLEST_BLUR_PX = 0.5
+DEPTH_SCALE, DEPTH_UNITS = 5000.0, 65535
+"""Units of the depth image per metre, as in the TUM benchmark, and the most of them: 13.1 m."""
 NOISE_MARGIN_PX = 128
 
 Image = NDArray[np.uint8]
@@ -51,6 +53,7 @@ def camera_calibration(settings: CameraSettings, model: SnakeModel) -> CameraCal
             "T_cam_imu": rows,
             "intrinsics": (f_px, f_px, (WIDTH_PX - 1) / 2.0, (HEIGHT_PX - 1) / 2.0),
             "resolution": (WIDTH_PX, HEIGHT_PX),
+            "depth_scale": DEPTH_SCALE,
             "rate_hz": float(settings.rate_hz),
         }
     )
@@ -152,7 +155,10 @@ class Camera:
         return np.asarray(mean, np.uint8)
 
     def _sensed_depth(self, inverse_depth: Depth, noise: Depth) -> Depth:
-        """Return noisy depth (H, W) m, 0 out of range and at edges, where the inverse depth is not locally flat."""
+        """Return noisy depth (H, W) m, 0 out of range and at edges, where the inverse depth is not locally flat.
+
+        As a real sensor's it comes in whole units of 16 bits, so that a recording of it loses nothing.
+        """
         settings = self.settings
         depth_m = np.reciprocal(inverse_depth)
         bend = np.abs(cv2.Laplacian(inverse_depth, cv2.CV_32F, ksize=1)) * depth_m
@@ -160,7 +166,9 @@ class Camera:
         sensed = depth_m + sigma_m * noise
         unknown = (depth_m < settings.depth_min_m) | (depth_m > settings.depth_max_m) | (bend > EDGE_FRACTION)
         sensed[unknown] = 0.0
-        return np.asarray(np.maximum(sensed, 0.0), np.float32)
+        units = np.rint(sensed * np.float32(DEPTH_SCALE))
+        units[(units < 0.0) | (units > DEPTH_UNITS)] = 0.0
+        return np.asarray(units * np.float32(1.0 / DEPTH_SCALE), np.float32)
 
 
 def projection_matrix(f_px: float) -> list[float]:

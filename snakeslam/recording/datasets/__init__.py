@@ -10,6 +10,9 @@ from snakeslam.recording.settings import ReplaySettings
 
 FORMATS = "an EuRoC folder (mav0/cam0), a TUM RGB-D folder (rgb.txt, depth.txt)"
 
+SENSORS = "sensors"
+"""The folder of a run's own sensors; it goes by the run's name."""
+
 
 @dataclass(frozen=True, slots=True)
 class Summary:
@@ -63,13 +66,18 @@ def summarise(path: Path) -> Summary | None:
             return None
     except InputError:
         # A broken recording stays in the list; opening it says what is wrong.
-        return Summary(path.name, str(kind), path, None, None)
-    return Summary(path.name, kind, path, len(frames), (frames[-1].t_ns - frames[0].t_ns) / 1e9)
+        return Summary(_name(path), str(kind), path, None, None)
+    return Summary(_name(path), kind, path, len(frames), (frames[-1].t_ns - frames[0].t_ns) / 1e9)
 
 
 def find_recordings(folder: Path) -> list[Summary]:
-    """Return the recordings directly below ``folder`` (or ``folder`` itself), by name."""
+    """Return the recordings directly below ``folder`` (or ``folder`` itself), those of runs too, by name."""
     if not folder.is_dir():
         return []
-    paths = [folder] if recording_kind(folder) else sorted(child for child in folder.iterdir() if child.is_dir())
+    children = [folder] if recording_kind(folder) else sorted(child for child in folder.iterdir() if child.is_dir())
+    paths = [child / SENSORS if recording_kind(child / SENSORS) else child for child in children]
     return [summary for path in paths if (summary := summarise(path)) is not None]
+
+
+def _name(path: Path) -> str:
+    return path.parent.name if path.name == SENSORS and path.parent.name else path.name

@@ -2,6 +2,7 @@
 
 import bisect
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -27,7 +28,7 @@ def validated(model: type[Model], values: dict[str, Any], path: Path) -> Model:
 def shift_frames(frames: tuple[FrameFile, ...], seconds: float) -> tuple[FrameFile, ...]:
     """Return the frames stamped in the IMU's time."""
     shift_ns = round(seconds * 1e9)
-    return tuple(FrameFile(frame.t_ns + shift_ns, frame.image, frame.depth) for frame in frames) if shift_ns else frames
+    return tuple(replace(frame, t_ns=frame.t_ns + shift_ns) for frame in frames) if shift_ns else frames
 
 
 def nearest_pairs(a_ns: Sequence[int], b_ns: Sequence[int], limit_ns: int) -> dict[int, int]:

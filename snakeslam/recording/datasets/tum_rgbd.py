@@ -1,9 +1,11 @@
 """TUM RGB-D folders [Sturm12]: rgb.txt, depth.txt and, where known, groundtruth.txt of the colour camera.
 
-Our additions: ``calibration.yaml`` in Kalibr's form and ``imu.csv`` (t_ns, gyro xyz rad/s, accel xyz m/s^2).
+Our additions: ``calibration.yaml`` in Kalibr's form, ``imu.csv`` (t_ns, gyro xyz rad/s, accel xyz m/s^2),
+``exposure.csv`` (t_ns of a colour image, ns) and the joints (``datasets.session``).
 """
 
 import re
+from dataclasses import replace
 from pathlib import Path, PurePosixPath
 
 from snakeslam.calibration import SensorRig, load_rig
@@ -13,6 +15,7 @@ from snakeslam.paths import configs_dir
 from snakeslam.recording import tables
 from snakeslam.recording.datasets.common import nearest_pairs, shift_frames
 from snakeslam.recording.datasets.euroc import read_imu
+from snakeslam.recording.datasets.session import read_joints, read_session
 from snakeslam.recording.recording import FrameFile, ImuTable, Recording
 from snakeslam.recording.settings import ReplaySettings
 from snakeslam.recording.trajectory import read_trajectory
@@ -25,14 +28,17 @@ def read_tum_rgbd(path: Path, settings: ReplaySettings) -> Recording:
     rig = find_rig(path, settings)
     if rig.cam0.depth_scale is None:
         raise InputError(f"{path}: calibration", "cam0.depth_scale is missing")
-    frames = read_frames(path, settings.association_ms)
+    session = read_session(path)
+    frames = _with_exposures(read_frames(path, settings.association_ms), path / "exposure.csv")
     return Recording(
         name=path.resolve().name,
         kind="tum_rgbd",
         rig=rig.model_copy(update={"cam0": rig.cam0.model_copy(update={"timeshift_cam_imu": 0.0})}),
         frames=shift_frames(frames, rig.cam0.timeshift_cam_imu),
-        imu=_read_imu(path / "imu.csv", rig),
+        imu=_read_imu(path / "imu.csv", rig, frames),
         truth=_read_truth(path / "groundtruth.txt", rig),
+        joints=read_joints(path, session),
+        seed=None if session.run is None else session.run.seed,
     )
 
 
@@ -80,12 +86,25 @@ def _read_list(path: Path) -> list[tuple[int, Path]]:
     return images
 
 
-def _read_imu(path: Path, rig: SensorRig) -> ImuTable | None:
+def _with_exposures(frames: tuple[FrameFile, ...], path: Path) -> tuple[FrameFile, ...]:
+    """Give each frame the exposure that the table has for its stamp."""
+    if not path.exists():
+        return frames
+    rows = tables.read_table(path, tables.stamp_from_ns, columns=(2,), separator=",")
+    values = tables.floats(path, rows, 1)[:, 0]
+    known = {row.t_ns: round(value) for row, value in zip(rows, values.tolist(), strict=True)}
+    return tuple(replace(frame, exposure_ns=known.get(frame.t_ns, 0)) for frame in frames)
+
+
+def _read_imu(path: Path, rig: SensorRig, frames: tuple[FrameFile, ...]) -> ImuTable | None:
     if not path.exists():
         return None
     if rig.imu0 is None:
         raise InputError(str(path), "the calibration has no imu0 for it", "calibration.yaml with cam0 and imu0")
-    return read_imu(path)
+    imu = read_imu(path)
+    if imu.t_ns[0] > frames[-1].t_ns or imu.t_ns[-1] < frames[0].t_ns:
+        raise InputError(str(path), "no sample lies within the frames' time", "stamps of one clock")
+    return imu
 
 
 def _read_truth(path: Path, rig: SensorRig) -> tuple[GroundTruth, ...]:

@@ -73,10 +73,10 @@ class Frontend:
             frozen=frozen,
         )
 
-    def drop(self, ids: set[int]) -> None:
+    def drop(self, ids: NDArray[np.int64]) -> None:
         """Stop following these features."""
-        if ids:
-            keep = ~np.isin(self._ids, list(ids))
+        if len(ids):
+            keep = ~np.isin(self._ids, ids)
             self._px, self._ids = self._px[keep], self._ids[keep]
 
     def _follow(

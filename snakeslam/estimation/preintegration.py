@@ -16,6 +16,8 @@ from snakeslam.messages import Float, ImuSample
 
 ALPHA, BETA, GAMMA, BIAS_G, BIAS_A = (slice(3 * k, 3 * k + 3) for k in range(5))
 SIZE = 15
+MAX_RATE_RAD_S, MAX_ACCEL_M_S2 = 100.0, 500.0
+"""What no IMU measures on anything that crawls."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,10 +141,23 @@ class ImuBuffer:
     def __init__(self, calibration: ImuCalibration) -> None:
         self._means = calibration.sample_kind == "mean"
         self._samples: list[ImuSample] = []
+        self._last_ns: int | None = None
+        self._bad = 0
 
     def add(self, sample: ImuSample) -> None:
-        """Take the next sample."""
+        """Take the next sample; one that is late or not possible is only counted."""
+        late = self._last_ns is not None and sample.t_ns <= self._last_ns
+        size = np.abs(np.concatenate([sample.gyro_I / MAX_RATE_RAD_S, sample.accel_I / MAX_ACCEL_M_S2]))
+        if late or not np.all(size < 1.0):
+            self._bad += 1
+            return
+        self._last_ns = sample.t_ns
         self._samples.append(sample)
+
+    def take_bad_count(self) -> int:
+        """Return how many samples were refused since the last call."""
+        bad, self._bad = self._bad, 0
+        return bad
 
     def forget_before(self, t_ns: int) -> None:
         """Drop what no span after ``t_ns`` needs."""

@@ -1,0 +1,37 @@
+"""How far measurements are from what the state foresees, in units of what it allows."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from snakeslam.messages import Float
+
+GATE_QUANTILE = 0.99
+MAX_DOF = 200
+CHI2: Float = np.asarray(chi2.ppf(GATE_QUANTILE, np.arange(1, MAX_DOF)), dtype=np.float64)
+
+
+@dataclass(frozen=True, slots=True)
+class Innovation:
+    """Squared Mahalanobis distances d^2 = r^T S^-1 r of M measurements, (M,), with their degrees of freedom, (M,)."""
+
+    distance: Float
+    dof: NDArray[np.int64]
+
+    @staticmethod
+    def none() -> "Innovation":
+        """Return that of no measurements."""
+        return Innovation(np.empty(0), np.empty(0, np.int64))
+
+    @staticmethod
+    def of(r: Float, excess: Float, dof: NDArray[np.int64]) -> "Innovation":
+        """Return it for whitened residuals (M, k) whose covariance is ``excess`` (M, k, k) plus the unit matrix."""
+        S = excess + np.eye(r.shape[1])
+        return Innovation(np.einsum("mi,mi->m", r, np.linalg.solve(S, r[..., None])[..., 0]), dof)
+
+    @property
+    def accepted(self) -> NDArray[np.bool_]:
+        """Which are within the 99 % quantile of chi^2, (M,); those without a degree of freedom are not."""
+        return np.asarray((self.dof > 0) & (self.distance < CHI2[np.clip(self.dof, 1, MAX_DOF - 1) - 1]))

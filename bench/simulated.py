@@ -157,6 +157,7 @@ class Take:
     e_theta: Float
     nees_p: Float
     nees_theta: Float
+    cov: Float
 
 
 def run(head: SwingingHead, settings: EstimatorSettings = SETTINGS) -> Take:
@@ -173,4 +174,4 @@ def run(head: SwingingHead, settings: EstimatorSettings = SETTINGS) -> Take:
     cov = np.array([p.cov for p in poses])
     nees = [np.einsum("ni,ni->n", e[1:], np.linalg.solve(P[1:], e[1:, :, None])[..., 0])
             for e, P in ((e_p, cov[:, 3:6, 3:6]), (e_theta, cov[:, :3, :3]))]
-    return Take(t_s[1:], e_p[1:], e_theta[1:], *nees)
+    return Take(t_s[1:], e_p[1:], e_theta[1:], *nees, cov[1:])

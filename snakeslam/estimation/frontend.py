@@ -18,6 +18,8 @@ KLT_EPSILON_PX = 0.02
 KLT_STEPS = 20
 FROZEN_LEVEL = 1e-9
 ENOUGH_CORNERS = 4
+LEAST_ROLL = 0.015
+"""Sine of the least turn about the optical axis between two pictures that is undone before KLT."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,12 +84,17 @@ class Frontend:
     def _follow(
         self, before: NDArray[np.uint8], now: NDArray[np.uint8], R_C1C0: Float
     ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int64]]:
-        """Return where features were, where they are, and their ids; those that KLT loses are left out."""
+        """Return where features were, where they are, and their ids; those that KLT loses are left out.
+
+        The picture before is first turned as the camera has turned: KLT takes a window for moved, not turned, and would
+        creep over the surface.
+        """
         start = self._predict(self._px, R_C1C0)
+        turned, px0 = self._turned(before, R_C1C0)
         px1, status, _ = cv2.calcOpticalFlowPyrLK(
-            before,
+            turned,
             now,
-            self._px.reshape(-1, 1, 2),
+            px0.reshape(-1, 1, 2),
             start.reshape(-1, 1, 2).copy(),
             winSize=(self._settings.klt_window_px, self._settings.klt_window_px),
             maxLevel=self._settings.klt_levels,
@@ -97,6 +104,19 @@ class Frontend:
         px1 = np.asarray(px1, dtype=np.float32).reshape(-1, 2)
         kept = np.asarray(status).ravel().astype(bool) & self._inside(px1)
         return self._px[kept], px1[kept], self._ids[kept]
+
+    def _turned(self, before: NDArray[np.uint8], R_C1C0: Float) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+        """Return the picture before as a pinhole turned by ``R_C1C0`` sees it, and where its features are there.
+
+        A small roll is let be, for interpolation has errors of its own. Distortion is left as it is: what matters is that windows look alike.
+        """
+        if abs(float(R_C1C0[1, 0])) < LEAST_ROLL:
+            return before, self._px
+        H = self._camera.K @ R_C1C0 @ np.linalg.inv(self._camera.K)
+        size = (self._camera.width_px, self._camera.height_px)
+        picture = cv2.warpPerspective(before, H, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        moved = np.hstack([self._px, np.ones((len(self._px), 1))]) @ H.T
+        return np.asarray(picture, np.uint8), (moved[:, :2] / moved[:, 2:]).astype(np.float32)
 
     def _predict(self, px: NDArray[np.float32], R_C1C0: Float) -> NDArray[np.float32]:
         """Return where a pure turn moves pixels; those that it takes behind the camera stay."""

@@ -73,6 +73,7 @@ class SlidingWindow:
         state, tracks = self.state, self._tracks
         state.add_clone()
         state.keep_landmarks(np.isin(state.landmarks.ids, frame.ids))
+        self._let_landmarks_wander()
         free = ~np.isin(frame.ids, state.landmarks.ids)
         tracks.observe(frame.ids[free], frame.xy[free], frame.depth_m[free])
         sightings, seen = self._sightings(frame)
@@ -90,6 +91,12 @@ class SlidingWindow:
             tracks.forget_column(leaving)
             state.drop_clone(leaving)
         return Report(len(sightings) + len(features), refused, (seen, tried))
+
+    def _let_landmarks_wander(self) -> None:
+        """Widen landmarks by what their tracks creep from frame to frame: an error that no averaging takes away."""
+        state = self.state
+        far_m = np.linalg.norm(state.landmarks.p_W - state.p_WI, axis=1)
+        state.widen_landmarks((self._settings.noise.track_drift_px / self._model.focal_px * far_m) ** 2)
 
     def _sightings(self, frame: FrontendFrame) -> tuple[Sightings, Innovation]:
         """Return the landmarks in view that pass the gate."""

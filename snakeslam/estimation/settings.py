@@ -27,7 +27,7 @@ class NoiseSettings(Settings):
     """Measurement noise, one sigma; IMU noise comes from the calibration and is scaled here."""
 
     pixel_px: Positive = 1.0
-    track_drift_px: Annotated[float, Field(ge=0)] = 0.0
+    track_drift_px: Annotated[float, Field(ge=0)] = 0.1
     """How far a followed feature wanders over the surface from one frame to the next."""
     depth_offset_m: Positive = 0.004
     """a in sigma_z = a + b z^2."""

@@ -99,7 +99,7 @@ class Frontend:
             winSize=(self._settings.klt_window_px, self._settings.klt_window_px),
             maxLevel=self._settings.klt_levels,
             criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, KLT_STEPS, KLT_EPSILON_PX),
-            flags=cv2.OPTFLOW_USE_INITIAL_FLOW, minEigThreshold=2e-3,
+            flags=cv2.OPTFLOW_USE_INITIAL_FLOW, minEigThreshold=3e-3,
         )
         px1 = np.asarray(px1, dtype=np.float32).reshape(-1, 2)
         kept = np.asarray(status).ravel().astype(bool) & self._inside(px1)

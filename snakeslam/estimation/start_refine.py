@@ -32,7 +32,7 @@ MAX_SIGMA_V = 0.25
 MAX_SIGMA_TILT = np.deg2rad(3.0)
 MAX_BIAS_G = 0.5
 MAX_BIAS_A = 1.0
-CAUTION = 2.0
+CAUTION = 10.0
 REFINE_ROUNDS = 10
 SUM_AGAIN = 3
 SETTLED = 1e-4
@@ -97,7 +97,8 @@ class Refinement:
             if abs(last - cost) < SETTLED * max(cost, SETTLED) and rounds > SUM_AGAIN:
                 break
         cov: Float = np.asarray(np.linalg.inv(self._with_prior(A, prior)), dtype=np.float64)
-        return self._accepted(cov, rms)
+        wide: Float = np.asarray(np.linalg.inv(self._with_prior(A / CAUTION**2, prior)), dtype=np.float64)
+        return self._accepted(cov, wide, rms)
 
     def _with_prior(self, A: Float, prior: Float) -> Float:
         """Return the information with the priors and a strong tie of the turn about g itself, which means nothing."""
@@ -153,7 +154,7 @@ class Refinement:
         self.count = m
         return A, b, float(np.sum(flat**2)), float(np.sqrt(np.sum(flat**2) / (2 * seen)))
 
-    def _accepted(self, cov: Float, rms: float) -> _Start | None:
+    def _accepted(self, cov: Float, wide: Float, rms: float) -> _Start | None:
         sigma = np.sqrt(np.maximum(np.diag(cov), 0.0))
         plausible = (
             self.count >= MIN_TRACKS
@@ -163,7 +164,7 @@ class Refinement:
             and float(np.linalg.norm(self.bias_g)) < MAX_BIAS_G
             and float(np.linalg.norm(self.bias_a)) < MAX_BIAS_A
         )
-        return _Start(self.v, self.g, self.bias_g, self.bias_a, cov) if plausible else None
+        return _Start(self.v, self.g, self.bias_g, self.bias_a, wide) if plausible else None
 
 
 def started(start: _Start, t_ns: int, gravity_m_s2: float) -> State:
@@ -177,7 +178,7 @@ def started(start: _Start, t_ns: int, gravity_m_s2: float) -> State:
     M[V, :3] = R_WI
     M[V, 3:6] = R_WI @ so3.hat(start.v) @ normal
     M[BIAS_G, 6:9] = M[BIAS_A, 9:12] = np.eye(3)
-    cov = M @ start.cov @ M.T * CAUTION**2
+    cov = M @ start.cov @ M.T
     cov[THETA, THETA] += np.eye(3) * 1e-8
     cov[P, P] += np.eye(3) * 1e-10
     state.cov = 0.5 * (cov + cov.T)

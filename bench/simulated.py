@@ -115,7 +115,7 @@ class SimulatedFrontend:
         self._ids = np.empty(0, np.int64)
         self._next = 0
 
-    def process(self, frame: CameraFrame, R_C1C0: Float) -> FrontendFrame:
+    def process(self, frame: CameraFrame, T_C1C0: Float) -> FrontendFrame:
         """Return noisy observations of what is in view."""
         R_WI, p_WI = self._head.pose(np.array([frame.t_ns / 1e9]))
         p_C = ((self._points_W - p_WI[0]) @ R_WI[0] - P_IC) @ R_IC

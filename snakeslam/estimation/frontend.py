@@ -50,25 +50,30 @@ class Frontend:
         self._gray: NDArray[np.uint8] | None = None
         self._px = np.empty((0, 2), np.float32)
         self._ids = np.empty(0, np.int64)
+        self._depth_m = np.empty(0)
         self._next_id = 0
 
-    def process(self, frame: CameraFrame, R_C1C0: Float) -> FrontendFrame:
-        """Follow the features of the frame before into ``frame``, given the camera's turn, and find new ones."""
+    def process(self, frame: CameraFrame, T_C1C0: Float) -> FrontendFrame:
+        """Follow the features of the frame before into ``frame``, given about how the camera has moved, and find more.
+
+        ``T_C1C0`` (4, 4): its turn is taken as known, its translation only says where to look.
+        """
         frozen = self._gray is not None and bool(np.array_equal(self._gray, frame.gray))
         rejected_px, rejected_ids = np.empty((0, 2), np.float32), np.empty(0, np.int64)
         disparity: float | None = None
         if self._gray is not None and len(self._px):
-            px0, px1, ids = self._follow(self._gray, frame.gray, R_C1C0)
-            good, disparity = self._ransac(px0, px1, R_C1C0)
+            px0, px1, ids = self._follow(self._gray, frame.gray, T_C1C0)
+            good, disparity = self._ransac(px0, px1, T_C1C0[:3, :3])
             rejected_px, rejected_ids = px1[~good], ids[~good]
             self._px, self._ids = px1[good], ids[good]
         self._gray = frame.gray
         self._detect(frame.gray)
+        self._depth_m = sample_depth(frame.depth_m, self._px)
         return FrontendFrame(
             px=self._px,
             ids=self._ids,
             xy=self._camera.normalise(self._px),
-            depth_m=sample_depth(frame.depth_m, self._px),
+            depth_m=self._depth_m,
             rejected_px=rejected_px,
             rejected_ids=rejected_ids,
             disparity_px=disparity,
@@ -79,18 +84,18 @@ class Frontend:
         """Stop following these features."""
         if len(ids):
             keep = ~np.isin(self._ids, ids)
-            self._px, self._ids = self._px[keep], self._ids[keep]
+            self._px, self._ids, self._depth_m = self._px[keep], self._ids[keep], self._depth_m[keep]
 
     def _follow(
-        self, before: NDArray[np.uint8], now: NDArray[np.uint8], R_C1C0: Float
+        self, before: NDArray[np.uint8], now: NDArray[np.uint8], T_C1C0: Float
     ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int64]]:
         """Return where features were, where they are, and their ids; those that KLT loses are left out.
 
         The picture before is first turned as the camera has turned: KLT takes a window for moved, not turned, and would
         creep over the surface.
         """
-        start = self._predict(self._px, R_C1C0)
-        turned, px0 = self._turned(before, R_C1C0)
+        start = self._predict(T_C1C0)
+        turned, px0 = self._turned(before, T_C1C0[:3, :3])
         px1, status, _ = cv2.calcOpticalFlowPyrLK(
             turned,
             now,
@@ -118,13 +123,18 @@ class Frontend:
         moved = np.hstack([self._px, np.ones((len(self._px), 1))]) @ H.T
         return np.asarray(picture, np.uint8), (moved[:, :2] / moved[:, 2:]).astype(np.float32)
 
-    def _predict(self, px: NDArray[np.float32], R_C1C0: Float) -> NDArray[np.float32]:
-        """Return where a pure turn moves pixels; those that it takes behind the camera stay."""
-        rays = np.hstack([self._camera.normalise(px), np.ones((len(px), 1))]) @ R_C1C0.T
+    def _predict(self, T_C1C0: Float) -> NDArray[np.float32]:
+        """Return where the motion takes the features, far ones where their depth is unknown.
+
+        Those that it takes behind the camera or out of the picture stay.
+        """
+        rays = np.column_stack([self._camera.normalise(self._px), np.ones(len(self._px))]) @ T_C1C0[:3, :3].T
+        known = self._depth_m > 0.0
+        rays[known] += T_C1C0[:3, 3] / self._depth_m[known, None]
+        out = self._px.copy()
         ahead = rays[:, 2] > 0.1
-        out = px.copy()
         out[ahead] = self._camera.project(rays[ahead]).astype(np.float32)
-        return out
+        return np.where(self._inside(out)[:, None], out, self._px)
 
     def _inside(self, px: NDArray[np.float32]) -> NDArray[np.bool_]:
         limit = np.array([self._camera.width_px - BORDER_PX, self._camera.height_px - BORDER_PX])
@@ -142,20 +152,21 @@ class Frontend:
         if n < MIN_FOR_RANSAC:
             return np.ones(n, bool), None
         turned = np.hstack([self._camera.normalise(px0), np.ones((n, 1))]) @ R_C1C0.T
-        seen = np.hstack([self._camera.normalise(px1), np.ones((n, 1))])
-        rest_px = np.linalg.norm(turned[:, :2] / turned[:, 2:] - seen[:, :2], axis=-1) * self._camera.focal_px
-        normals = np.cross(turned, seen)
-        pairs = np.stack([self._rng.integers(0, n, RANSAC_ROUNDS), self._rng.integers(0, n, RANSAC_ROUNDS)])
-        t = np.cross(normals[pairs[0]], normals[pairs[1]])
+        seen = self._camera.normalise(px1)
+        rest = turned[:, :2] / turned[:, 2:] - seen
+        rest_px = np.hypot(rest[:, 0], rest[:, 1]) * self._camera.focal_px
+        normals = _cross_with_picture(turned, seen)
+        first, second = self._rng.integers(0, n, RANSAC_ROUNDS), self._rng.integers(0, n, RANSAC_ROUNDS)
+        t = np.cross(normals[first], normals[second])
         length = np.linalg.norm(t, axis=-1)
         t = t[length > FROZEN_LEVEL] / length[length > FROZEN_LEVEL, None]
         if not len(t):
             return np.ones(n, bool), float(np.median(rest_px))
-        lines = np.cross(t[:, None, :], turned[None])
-        distance = np.abs(np.sum(lines * seen[None], axis=-1)) / np.maximum(
-            np.linalg.norm(lines[..., :2], axis=-1), 1e-9
-        )
-        inliers = distance * self._camera.focal_px < self._settings.ransac_threshold_px
+        # The line of x0 is t x (R x0): x1 lies on it where t . n is zero.
+        x, y, z = turned.T
+        steepness = np.hypot(np.outer(t[:, 1], z) - np.outer(t[:, 2], y), np.outer(t[:, 2], x) - np.outer(t[:, 0], z))
+        limit = self._settings.ransac_threshold_px / self._camera.focal_px
+        inliers = np.abs(t @ normals.T) < limit * np.maximum(steepness, 1e-9)
         # A feature that moved less than the threshold fits any direction.
         inliers |= rest_px < self._settings.ransac_threshold_px
         good = inliers[int(np.argmax(inliers.sum(axis=-1)))]
@@ -171,10 +182,11 @@ class Frontend:
         columns, rows = (self._px / cell).astype(np.int64).T
         taken[rows, columns] = True
         corners = self._corners(gray, _free(taken, cell, gray.shape))
-        cells = (corners[:, :2] / cell).astype(np.int64)
         order = np.argsort(-corners[:, 2], kind="stable")
-        _, best = np.unique(cells[order, 1] * taken.shape[1] + cells[order, 0], return_index=True)
-        chosen = corners[order[np.sort(best)], :2]
+        corners = corners[order]
+        cells = (corners[:, :2] / cell).astype(np.int64)
+        _, best = np.unique(cells[:, 1] * taken.shape[1] + cells[:, 0], return_index=True)
+        chosen = corners[np.sort(best), :2]
         chosen = chosen[self._far_from_tracked(chosen)][:missing]
         self._px = np.vstack([self._px, chosen.astype(np.float32)])
         self._ids = np.concatenate([self._ids, np.arange(self._next_id, self._next_id + len(chosen))])
@@ -187,17 +199,28 @@ class Frontend:
 
     def _corners(self, gray: NDArray[np.uint8], mask: NDArray[np.uint8]) -> Float:
         """Return FAST corners (x, y, response), with a lower threshold where the picture gives few."""
-        for threshold in (self._settings.fast_threshold, max(2, self._settings.fast_threshold // 2)):
-            found = cv2.FastFeatureDetector.create(threshold=threshold).detect(gray, mask)
-            if len(found) >= ENOUGH_CORNERS * (self._settings.max_tracks - len(self._px)):
-                break
-        return np.array([(*k.pt, k.response) for k in found], dtype=np.float64).reshape(-1, 3)
+        usual = self._settings.fast_threshold
+        enough = ENOUGH_CORNERS * (self._settings.max_tracks - len(self._px))
+        found = cv2.FastFeatureDetector.create(threshold=usual).detect(gray, mask)
+        if len(found) < enough:
+            found = cv2.FastFeatureDetector.create(threshold=max(2, usual // 2)).detect(gray, mask)
+        px = cv2.KeyPoint.convert(found)
+        response = np.fromiter((k.response for k in found), np.float64, len(found))
+        return np.column_stack([np.asarray(px, dtype=np.float64).reshape(-1, 2), response])
 
     def _far_from_tracked(self, px: Float) -> NDArray[np.bool_]:
         if not len(self._px) or not len(px):
             return np.ones(len(px), bool)
-        gap = np.linalg.norm(px[:, None] - self._px[None], axis=-1).min(axis=1)
-        return np.asarray(gap >= 0.5 * self._settings.min_distance_px)
+        tracked = self._px.astype(np.float64)
+        dx, dy = px[:, None, 0] - tracked[:, 0], px[:, None, 1] - tracked[:, 1]
+        return np.asarray((dx * dx + dy * dy).min(axis=1) >= (0.5 * self._settings.min_distance_px) ** 2)
+
+
+def _cross_with_picture(a: Float, xy: Float) -> Float:
+    """Return a x (x, y, 1) of rows (N, 3) and (N, 2)."""
+    ax, ay, az = a.T
+    x, y = xy.T
+    return np.column_stack([ay - az * y, az * x - ax, ax * y - ay * x])
 
 
 def _free(taken: NDArray[np.bool_], cell: int, shape: tuple[int, ...]) -> NDArray[np.uint8]:

@@ -13,7 +13,7 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import lu_factor, lu_solve
+from scipy.linalg import cho_solve, cholesky, solve_triangular
 
 from snakeslam.estimation.state import State
 from snakeslam.messages import Float
@@ -22,6 +22,7 @@ SMALL_STEP = 1e-5
 LINEAR = 0.01
 """A first step that brings the cost that the linear model foresees, to this part, needs no second."""
 WORSE = 1e-9
+JITTER = 1e-14
 
 
 @dataclass(slots=True)
@@ -89,7 +90,7 @@ def update(state: State, measurements: Sequence[Measurement], max_iterations: in
         m.cost(state)
         m.follow(nothing)
     if solved is not None:
-        state.reduce_covariance(solved.active, solved.gain())
+        state.cov = solved.posterior(state.cov)
     return rounds
 
 
@@ -102,11 +103,15 @@ def _linearise(state: State, measurements: Sequence[Measurement]) -> Information
 
 @dataclass(slots=True)
 class _Solved:
-    """One linear solution: the error ``d`` from the prior, over the rows ``active`` that anything is told about."""
+    """One linear solution over the rows m = ``active`` that anything is told about.
+
+    With P_mm = U^T U, B = P_:m U^-1 and S = I + U L U^T: the error from the prior is ``d`` = B S^-1 U b and
+    P <- P - B B^T + B S^-1 B^T, symmetric and positive by its form.
+    """
 
     active: NDArray[np.int64]
-    L: Float
-    factors: tuple[Float, NDArray[np.int32]]
+    B: Float
+    S_chol: Float
     d: Float
     prior_cost: float
 
@@ -115,10 +120,22 @@ class _Solved:
         active = np.flatnonzero(np.diagonal(total.L))
         columns = state.cov[:, active]
         P, L = columns[active], total.L[active[:, None], active]
-        factors = lu_factor(np.eye(len(active)) + L @ P, check_finite=False)
-        y = lu_solve(factors, total.gradient[active] + L @ d[active], check_finite=False)
-        return _Solved(active, L, factors, columns @ y, float(y @ P @ y))
+        # An error that is exactly zero (the pose that defines W) has no factor: 1e-7 m and rad do no harm.
+        P[np.diag_indices(len(P))] += JITTER
+        U = cholesky(P, check_finite=False)
+        B = solve_triangular(U, columns.T, trans="T", check_finite=False).T
+        S = (U @ L) @ U.T
+        S[np.diag_indices(len(S))] += 1.0
+        S_chol = cholesky(S, check_finite=False, overwrite_a=True)
+        rhs = U @ (total.gradient[active] + L @ d[active])
+        w = cho_solve((S_chol, False), rhs, check_finite=False)
+        return _Solved(active, B, S_chol, B @ w, float(w @ w))
 
-    def gain(self) -> Float:
-        """Return (I + L P_mm)^-1 L."""
-        return np.asarray(lu_solve(self.factors, self.L, check_finite=False), dtype=np.float64)
+    def posterior(self, cov: Float) -> Float:
+        """Return the covariance after the update."""
+        Y = solve_triangular(self.S_chol, self.B.T, trans="T", check_finite=False)
+        # B B^T is P itself but for the rows that nothing touches.
+        new = Y.T @ Y
+        rest = np.setdiff1d(np.arange(len(cov)), self.active)
+        new[rest[:, None], rest] += cov[rest[:, None], rest] - self.B[rest] @ self.B[rest].T
+        return new

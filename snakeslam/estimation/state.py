@@ -83,7 +83,7 @@ Nominal = tuple[Float, Float, Float, Float, Float, Float, Float, Float]
 
 @dataclass(slots=True)
 class State:
-    """Nominal state, first estimates and covariance; the only writer of ``cov`` is this class."""
+    """Nominal state, first estimates and covariance."""
 
     t_ns: int
     R_WI: Float
@@ -268,9 +268,3 @@ class State:
         self.clones.R_WI = self.clones.R_WI @ turns[1:]
         self.clones.p_WI = self.clones.p_WI + window[:, 1]
         self.landmarks.p_W = self.landmarks.p_W + dx[self.window.stop :].reshape(-1, LANDMARK)
-
-    def reduce_covariance(self, rows: NDArray[np.int64], gain: Float) -> None:
-        """Take up information on ``rows`` (m,): P <- P - P_:m G P_m: with ``gain`` G = (I + L P_mm)^-1 L (m, m)."""
-        part = self.cov[rows]
-        cov = self.cov - part.T @ (gain @ part)
-        self.cov = 0.5 * (cov + cov.T)

@@ -21,7 +21,7 @@ from snakeslam.estimation.settings import EstimatorSettings
 from snakeslam.estimation.sliding_window import Model, Report, SlidingWindow
 from snakeslam.estimation.starting import Seen, Starter
 from snakeslam.estimation.state import State, V
-from snakeslam.geometry import so3
+from snakeslam.geometry import se3, so3
 from snakeslam.messages import CameraFrame, Float, Health, ImuSample, Packet, PoseEstimate, Verdict
 
 POSE_AND_VELOCITY = slice(0, 9)
@@ -30,8 +30,8 @@ POSE_AND_VELOCITY = slice(0, 9)
 class FeatureSource(Protocol):
     """What follows features: the front-end, or a simulation of one."""
 
-    def process(self, frame: CameraFrame, R_C1C0: Float) -> FrontendFrame:
-        """Return the features of ``frame``, given how the camera has turned since the frame before."""
+    def process(self, frame: CameraFrame, T_C1C0: Float) -> FrontendFrame:
+        """Return the features of ``frame``, given about how the camera has moved since the frame before."""
         ...
 
     def drop(self, ids: NDArray[np.int64]) -> None:
@@ -71,7 +71,7 @@ class VisualInertialOdometry:
         if self._last_ns is not None and t_ns <= self._last_ns:
             return _estimate(frame, None, None, Health(Verdict.BLIND, ("the frame's time goes back",)))
         gap_s = self._imu.longest_gap_s(self._last_ns, t_ns) if self._last_ns is not None else 0.0
-        seen = Seen(t_ns, self._frontend.process(frame, self._turn(t_ns)))
+        seen = Seen(t_ns, self._frontend.process(frame, self._motion(t_ns)))
         self._last_ns = t_ns
         bad = self._imu.take_bad_count()
         if self._filter is None:
@@ -121,16 +121,21 @@ class VisualInertialOdometry:
         self._supported_ns = seen.t_ns
         return _estimate(frame, seen, state, Health(Verdict.GOOD, (), len(seen.features.ids)), (event,))
 
-    def _turn(self, t_ns: int) -> Float:
-        """Return how the camera has turned since the frame before, from the gyro."""
+    def _motion(self, t_ns: int) -> Float:
+        """Return T_C1C0, how the camera has moved since the frame before: turned as the gyro says, at its last speed."""
+        T = np.eye(4)
         span = self._imu.segments(self._last_ns, t_ns) if self._last_ns is not None else None
         if span is None:
-            return np.eye(3)
+            return T
         R_I0I1 = np.eye(3)
         for step in so3.exp((span.gyro_I - self._bias_g) * span.dt_s[:, None]):
             R_I0I1 = R_I0I1 @ step
-        R_IC = self._model.rows.R_IC
-        return R_IC.T @ R_I0I1.T @ R_IC
+        T_I0I1 = se3.from_rt(R_I0I1, np.zeros(3))
+        if self._filter is not None:
+            state = self._filter.state
+            T_I0I1[:3, 3] = state.R_WI.T @ state.v_W * float(span.dt_s.sum())
+        T_IC = se3.from_rt(self._model.rows.R_IC, self._model.rows.p_IC)
+        return se3.inv(T_IC) @ se3.inv(T_I0I1) @ T_IC
 
 
 def _estimate(

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from snakeslam.estimation.camera import PinholeCamera
 from snakeslam.estimation.settings import FrontendSettings
+from snakeslam.estimation.tracks import among
 from snakeslam.messages import CameraFrame, Float
 
 BORDER_PX = 8
@@ -83,7 +84,7 @@ class Frontend:
     def drop(self, ids: NDArray[np.int64]) -> None:
         """Stop following these features."""
         if len(ids):
-            keep = ~np.isin(self._ids, ids)
+            keep = ~among(self._ids, ids)
             self._px, self._ids, self._depth_m = self._px[keep], self._ids[keep], self._depth_m[keep]
 
     def _follow(

@@ -103,13 +103,13 @@ def _linearise(state: State, measurements: Sequence[Measurement]) -> Information
 
 @dataclass(slots=True)
 class _Solved:
-    """One linear solution over the rows m = ``active`` that anything is told about.
+    """One linear solution over the rows m that anything is told about; ``rest`` are the others.
 
     With P_mm = U^T U, B = P_:m U^-1 and S = I + U L U^T: the error from the prior is ``d`` = B S^-1 U b and
     P <- P - B B^T + B S^-1 B^T, symmetric and positive by its form.
     """
 
-    active: NDArray[np.int64]
+    rest: NDArray[np.int64]
     B: Float
     S_chol: Float
     d: Float
@@ -117,25 +117,27 @@ class _Solved:
 
     @staticmethod
     def of(state: State, total: Information, d: Float) -> "_Solved":
-        active = np.flatnonzero(np.diagonal(total.L))
-        columns = state.cov[:, active]
-        P, L = columns[active], total.L[active[:, None], active]
+        touched = np.diagonal(total.L) > 0.0
+        active, rest = np.flatnonzero(touched), np.flatnonzero(~touched)
+        P, L = state.cov[active[:, None], active], total.L[active[:, None], active]
         # An error that is exactly zero (the pose that defines W) has no factor: 1e-7 m and rad do no harm.
         P[np.diag_indices(len(P))] += JITTER
         U = cholesky(P, check_finite=False)
-        B = solve_triangular(U, columns.T, trans="T", check_finite=False).T
+        B = np.empty((state.size, len(active)))
+        B[active] = U.T
+        B[rest] = solve_triangular(U, state.cov[active[:, None], rest], trans="T", check_finite=False).T
         S = (U @ L) @ U.T
         S[np.diag_indices(len(S))] += 1.0
         S_chol = cholesky(S, check_finite=False, overwrite_a=True)
         rhs = U @ (total.gradient[active] + L @ d[active])
         w = cho_solve((S_chol, False), rhs, check_finite=False)
-        return _Solved(active, B, S_chol, B @ w, float(w @ w))
+        return _Solved(rest, B, S_chol, B @ w, float(w @ w))
 
     def posterior(self, cov: Float) -> Float:
         """Return the covariance after the update."""
         Y = solve_triangular(self.S_chol, self.B.T, trans="T", check_finite=False)
         # B B^T is P itself but for the rows that nothing touches.
         new = Y.T @ Y
-        rest = np.setdiff1d(np.arange(len(cov)), self.active)
+        rest = self.rest
         new[rest[:, None], rest] += cov[rest[:, None], rest] - self.B[rest] @ self.B[rest].T
         return new

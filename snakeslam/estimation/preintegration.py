@@ -86,52 +86,64 @@ def preintegrate(segments: ImuSegments, bias_g: Float, bias_a: Float, noise: Imu
 
     Each span turns by Exp(w dt), Eq. (23)-(24) for a constant rate; its force acts at the rotation of its middle.
     """
-    w = segments.gyro_I - bias_g
+    dt = segments.dt_s
+    turns = (segments.gyro_I - bias_g) * dt[:, None]
     a = segments.accel_I - bias_a
-    steps = so3.exp(w * segments.dt_s[:, None])
-    halves = so3.exp(w * (0.5 * segments.dt_s[:, None]))
-    jacobians = so3.right_jacobian(w * segments.dt_s[:, None])
-    alpha, beta, gamma = np.zeros(3), np.zeros(3), np.eye(3)
-    J_total, cov = np.eye(SIZE), np.zeros((SIZE, SIZE))
-    for k, dt in enumerate(segments.dt_s.tolist()):
-        middle = gamma @ halves[k]
-        force = middle @ a[k]
-        F = _transition(middle, gamma @ so3.hat(halves[k] @ a[k]), steps[k], jacobians[k], dt)
-        cov = F @ cov @ F.T + _noise(dt, noise)
-        J_total = F @ J_total
-        alpha = alpha + beta * dt + 0.5 * force * dt**2
-        beta = beta + force * dt
-        gamma = gamma @ steps[k]
-    total = float(segments.dt_s.sum())
-    return Preintegrated(total, alpha, beta, gamma, J_total[:, BIAS_G.start :], cov, bias_g.copy(), bias_a.copy())
+    steps = so3.exp(np.concatenate([turns, 0.5 * turns]))
+    halves = steps[len(dt) :]
+    R = _running_product(steps[: len(dt)])
+    middle = R[:-1] @ halves
+    force = (middle @ a[..., None])[..., 0]
+    beta = np.concatenate([np.zeros((1, 3)), np.cumsum(force * dt[:, None], axis=0)])
+    alpha = np.sum(beta[:-1] * dt[:, None] + 0.5 * force * dt[:, None] ** 2, axis=0)
+    r_force_theta = R[:-1] @ so3.hat((halves @ a[..., None])[..., 0])
+    F = _transitions(middle, r_force_theta, steps[: len(dt)], so3.right_jacobian(turns), dt)
+    Q = _noise(dt, noise)
+    J, cov = np.eye(SIZE), np.zeros((SIZE, SIZE))
+    for F_k, Q_k in zip(F, Q, strict=True):
+        cov = F_k @ cov @ F_k.T + Q_k
+        J = F_k @ J
+    return Preintegrated(
+        float(dt.sum()), alpha, beta[-1], R[-1], J[:, BIAS_G.start :], cov, bias_g.copy(), bias_a.copy()
+    )
 
 
-def _transition(middle: Float, r_force_theta: Float, step: Float, jacobian: Float, dt: float) -> Float:
-    """Return the error transition of one span, (15, 15), first order in dt for the biases' part in the force."""
-    F = np.eye(SIZE)
-    F[ALPHA, BETA] = np.eye(3) * dt
-    F[ALPHA, GAMMA] = -0.5 * dt**2 * r_force_theta
-    F[BETA, GAMMA] = -dt * r_force_theta
-    F[GAMMA, GAMMA] = step.T
-    F[ALPHA, BIAS_A] = -0.5 * dt**2 * middle
-    F[BETA, BIAS_A] = -dt * middle
-    F[ALPHA, BIAS_G] = 0.25 * dt**3 * r_force_theta
-    F[BETA, BIAS_G] = 0.5 * dt**2 * r_force_theta
-    F[GAMMA, BIAS_G] = -jacobian * dt
+def _running_product(steps: Float) -> Float:
+    """Return I, R_1, R_1 R_2, ... of turns (n, 3, 3), (n + 1, 3, 3)."""
+    R = np.empty((len(steps) + 1, 3, 3))
+    R[0] = np.eye(3)
+    for k, step in enumerate(steps):
+        np.matmul(R[k], step, out=R[k + 1])
+    return R
+
+
+def _transitions(middle: Float, r_force_theta: Float, steps: Float, jacobians: Float, dt_s: Float) -> Float:
+    """Return the error transition of each span, (n, 15, 15), first order in dt for the biases' part in the force."""
+    n, dt = len(dt_s), dt_s[:, None, None]
+    F = np.tile(np.eye(SIZE), (n, 1, 1))
+    F[:, ALPHA, BETA] = np.eye(3) * dt
+    F[:, ALPHA, GAMMA] = -0.5 * dt**2 * r_force_theta
+    F[:, BETA, GAMMA] = -dt * r_force_theta
+    F[:, GAMMA, GAMMA] = np.swapaxes(steps, 1, 2)
+    F[:, ALPHA, BIAS_A] = -0.5 * dt**2 * middle
+    F[:, BETA, BIAS_A] = -dt * middle
+    F[:, ALPHA, BIAS_G] = 0.25 * dt**3 * r_force_theta
+    F[:, BETA, BIAS_G] = 0.5 * dt**2 * r_force_theta
+    F[:, GAMMA, BIAS_G] = -jacobians * dt
     return F
 
 
-def _noise(dt: float, noise: ImuCalibration) -> Float:
-    """Return the covariance that one span adds, (15, 15)."""
-    Q = np.zeros((SIZE, SIZE))
-    eye = np.eye(3)
+def _noise(dt_s: Float, noise: ImuCalibration) -> Float:
+    """Return the covariance that each span adds, (n, 15, 15)."""
+    dt, eye = dt_s[:, None, None], np.eye(3)
+    Q = np.zeros((len(dt_s), SIZE, SIZE))
     force = noise.accelerometer_noise_density**2 * dt
-    Q[ALPHA, ALPHA] = eye * (force * dt**2 / 4.0)
-    Q[ALPHA, BETA] = Q[BETA, ALPHA] = eye * (force * dt / 2.0)
-    Q[BETA, BETA] = eye * force
-    Q[GAMMA, GAMMA] = eye * (noise.gyroscope_noise_density**2 * dt)
-    Q[BIAS_G, BIAS_G] = eye * (noise.gyroscope_random_walk**2 * dt)
-    Q[BIAS_A, BIAS_A] = eye * (noise.accelerometer_random_walk**2 * dt)
+    Q[:, ALPHA, ALPHA] = eye * (force * dt**2 / 4.0)
+    Q[:, ALPHA, BETA] = Q[:, BETA, ALPHA] = eye * (force * dt / 2.0)
+    Q[:, BETA, BETA] = eye * force
+    Q[:, GAMMA, GAMMA] = eye * (noise.gyroscope_noise_density**2 * dt)
+    Q[:, BIAS_G, BIAS_G] = eye * (noise.gyroscope_random_walk**2 * dt)
+    Q[:, BIAS_A, BIAS_A] = eye * (noise.accelerometer_random_walk**2 * dt)
     return Q
 
 

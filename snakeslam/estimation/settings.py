@@ -60,7 +60,7 @@ class WindowSettings(Settings):
     clones: Annotated[int, Field(ge=4, le=30)] = 11
     keyframe_disparity_px: Positive = 12.0
     """A frame whose features moved less than this since the clone before it leaves the window first."""
-    max_landmarks: Annotated[int, Field(ge=0, le=200)] = 40
+    max_landmarks: Annotated[int, Field(ge=0, le=200)] = 30
 
 
 class EstimatorSettings(Settings):

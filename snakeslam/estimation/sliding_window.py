@@ -15,7 +15,7 @@ from snakeslam.estimation.preintegration import ImuSegments, preintegrate
 from snakeslam.estimation.settings import EstimatorSettings
 from snakeslam.estimation.sightings import Sightings
 from snakeslam.estimation.state import THETA, State, V
-from snakeslam.estimation.tracks import TrackTable
+from snakeslam.estimation.tracks import TrackTable, among
 from snakeslam.messages import Float
 
 MAX_REJECTIONS = 2
@@ -72,12 +72,12 @@ class SlidingWindow:
         """Take the features of a frame at the state's time."""
         state, tracks = self.state, self._tracks
         state.add_clone()
-        state.keep_landmarks(np.isin(state.landmarks.ids, frame.ids))
+        state.keep_landmarks(among(state.landmarks.ids, frame.ids))
         self._let_landmarks_wander()
-        free = ~np.isin(frame.ids, state.landmarks.ids)
+        free = ~among(frame.ids, state.landmarks.ids)
         tracks.observe(frame.ids[free], frame.xy[free], frame.depth_m[free])
         sightings, seen = self._sightings(frame)
-        lost = ~np.isin(tracks.ids, frame.ids)
+        lost = ~among(tracks.ids, frame.ids)
         leaving = self._leaving_clone()
         ripe = self._ripe(~lost, leaving == 0)
         chosen = (lost & (tracks.lengths >= MIN_TRACK)) | ripe
@@ -149,7 +149,7 @@ class SlidingWindow:
 
     def _promote(self, features: Features, candidates: NDArray[np.int64]) -> None:
         room = self._settings.window.max_landmarks - len(self.state.landmarks)
-        chosen = np.isin(features.ids, candidates)
+        chosen = among(features.ids, candidates)
         chosen &= np.cumsum(chosen) <= room
         if chosen.any():
             promote(self.state, features, chosen)

@@ -6,6 +6,16 @@ from numpy.typing import NDArray
 from snakeslam.messages import Float
 
 
+def among(ids: NDArray[np.int64], others: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return which of ``ids`` (N,) are in ``others`` (M,), which need no order; np.isin, but fast for few."""
+    if not len(others):
+        return np.zeros(len(ids), bool)
+    ordered = np.sort(others)
+    at = np.searchsorted(ordered, ids)
+    at[at == len(ordered)] = 0
+    return np.asarray(ordered[at] == ids)
+
+
 class TrackTable:
     """Observations of M tracks from the n clones of the window, as arrays whose columns are the clones.
 
@@ -31,7 +41,7 @@ class TrackTable:
 
     def observe(self, ids: NDArray[np.int64], xy: Float, depth_m: Float) -> None:
         """Add the column of the newest clone; ids (k,) that are new become rows."""
-        known = np.isin(ids, self.ids)
+        known = among(ids, self.ids)
         new = ids[~known]
         m, n = self.seen.shape
         xyz, seen = np.zeros((m + len(new), n + 1, 3)), np.zeros((m + len(new), n + 1), bool)

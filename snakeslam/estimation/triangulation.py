@@ -14,7 +14,7 @@ from snakeslam.estimation.measurements import (
 )
 from snakeslam.messages import Float
 
-ROUNDS = 6
+ROUNDS = 4
 TINY = 1e-9
 SETTLED = 1e-3
 MAX_RELATIVE_SIGMA = 0.15

@@ -130,7 +130,7 @@ class SimulatedFrontend:
         depth = z + self._rng.normal(0, 1, n) * (noise.depth_offset_m + noise.depth_square_per_m * z**2)
         nothing = np.empty((0, 2), np.float32), np.empty(0, np.int64)
         px = (xy * FOCAL_PX).astype(np.float32)
-        return FrontendFrame(px, self._ids, xy, depth if self._head.depth else np.zeros(n), *nothing, 0.5, False)
+        return FrontendFrame(px, self._ids, xy, depth if self._head.depth else np.zeros(n), *nothing, 0.5, False, n)
 
     def drop(self, ids: np.ndarray) -> None:
         """Follow these no longer."""

@@ -28,7 +28,8 @@ class FrontendFrame:
     """Features of one frame: ``px`` (M, 2), ``ids`` (M,), ``xy`` (M, 2) normalised, ``depth_m`` (M,) with 0 = unknown.
 
     ``rejected_px`` (R, 2) with ``rejected_ids`` are those that RANSAC dropped; ``disparity_px`` is the median motion
-    that the turn does not explain, None without a frame before; ``frozen`` tells that the picture is the one before.
+    that the turn does not explain, None without a frame before; ``frozen`` tells that the picture is the one before,
+    ``followed`` how many features (the first ones) were there before.
     """
 
     px: NDArray[np.float32]
@@ -39,6 +40,7 @@ class FrontendFrame:
     rejected_ids: NDArray[np.int64]
     disparity_px: float | None
     frozen: bool
+    followed: int
 
 
 class Frontend:
@@ -59,27 +61,30 @@ class Frontend:
 
         ``T_C1C0`` (4, 4): its turn is taken as known, its translation only says where to look.
         """
-        frozen = self._gray is not None and bool(np.array_equal(self._gray, frame.gray))
-        rejected_px, rejected_ids = np.empty((0, 2), np.float32), np.empty(0, np.int64)
+        if self._gray is not None and np.array_equal(self._gray, frame.gray):
+            return self._frame((self._px[:0], self._ids[:0]), 0.0, len(self._px), frozen=True)
+        moved = np.ones(0, bool)
         disparity: float | None = None
         if self._gray is not None and len(self._px):
-            px0, px1, ids = self._follow(self._gray, frame.gray, T_C1C0)
-            good, disparity = self._ransac(px0, px1, T_C1C0[:3, :3])
-            rejected_px, rejected_ids = px1[~good], ids[~good]
-            self._px, self._ids = px1[good], ids[good]
+            px0, self._px, self._ids = self._follow(self._gray, frame.gray, T_C1C0)
+            moved, disparity = self._ransac(px0, self._px, T_C1C0[:3, :3])
         self._gray = frame.gray
+        rejected = self._px[~moved], self._ids[~moved]
+        self._px, self._ids = self._px[moved], self._ids[moved]
+        followed = len(self._px)
         self._detect(frame.gray)
         self._depth_m = sample_depth(frame.depth_m, self._px)
-        return FrontendFrame(
-            px=self._px,
-            ids=self._ids,
-            xy=self._camera.normalise(self._px),
-            depth_m=self._depth_m,
-            rejected_px=rejected_px,
-            rejected_ids=rejected_ids,
-            disparity_px=disparity,
-            frozen=frozen,
-        )
+        return self._frame(rejected, disparity, followed, frozen=False)
+
+    def _frame(
+        self,
+        rejected: tuple[NDArray[np.float32], NDArray[np.int64]],
+        disparity_px: float | None,
+        followed: int,
+        frozen: bool,
+    ) -> FrontendFrame:
+        xy = self._camera.normalise(self._px)
+        return FrontendFrame(self._px, self._ids, xy, self._depth_m, *rejected, disparity_px, frozen, followed)
 
     def drop(self, ids: NDArray[np.int64]) -> None:
         """Stop following these features."""
@@ -240,9 +245,9 @@ def sample_depth(depth_m: NDArray[np.float32] | None, px: NDArray[np.float32]) -
     u, v = np.rint(px[:, 0]).astype(np.int64), np.rint(px[:, 1]).astype(np.int64)
     du, dv = np.meshgrid([-1, 0, 1], [-1, 0, 1])
     height, width = depth_m.shape
-    around = depth_m[
+    around = np.nan_to_num(depth_m[
         np.clip(v[:, None] + dv.ravel(), 0, height - 1), np.clip(u[:, None] + du.ravel(), 0, width - 1)
-    ].astype(np.float64)
+    ].astype(np.float64), posinf=0.0, neginf=0.0)
     middle = np.median(around, axis=-1)
     # The allowance grows like the noise of a depth camera does.
     allowance = EDGE_PER_M * middle + EDGE_PER_M2 * middle**2

@@ -1,5 +1,6 @@
 """How far measurements are from what the state foresees, in units of what it allows."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -35,3 +36,19 @@ class Innovation:
     def accepted(self) -> NDArray[np.bool_]:
         """Which are within the 99 % quantile of chi^2, (M,); those without a degree of freedom are not."""
         return np.asarray((self.dof > 0) & (self.distance < CHI2[np.clip(self.dof, 1, MAX_DOF - 1) - 1]))
+
+
+@dataclass(frozen=True, slots=True)
+class Agreement:
+    """How a frame's measurements agree with the state: tried, within the gate, and the median of d^2 per freedom."""
+
+    tried: int
+    accepted: int
+    ratio: float
+
+    @staticmethod
+    def of(innovations: Sequence[Innovation]) -> "Agreement":
+        """Return it for all measurements of a frame; about 1 is as foreseen, 0 without any."""
+        distance = np.concatenate([np.empty(0), *(i.distance / np.maximum(i.dof, 1) for i in innovations)])
+        accepted = sum(int(i.accepted.sum()) for i in innovations)
+        return Agreement(len(distance), accepted, float(np.median(distance)) if len(distance) else 0.0)

@@ -176,6 +176,19 @@ class ImuBuffer:
         keep = next((k for k, s in enumerate(self._samples) if s.t_ns > t_ns), len(self._samples))
         del self._samples[: max(0, keep - 1)]
 
+    def clear(self) -> None:
+        """Forget all, the time of the last sample too."""
+        self._samples.clear()
+        self._last_ns = None
+
+    def ahead_s(self, t_ns: int) -> float:
+        """Return how long before ``t_ns`` the last sample was, 0 without any."""
+        return 0.0 if self._last_ns is None else max(0.0, (t_ns - self._last_ns) / 1e9)
+
+    def recent(self, t_ns: int) -> list[ImuSample]:
+        """Return the samples after ``t_ns``."""
+        return [s for s in self._samples if s.t_ns > t_ns]
+
     @property
     def samples(self) -> tuple[ImuSample, ...]:
         """What is held, oldest first."""

@@ -14,6 +14,7 @@ from snakeslam.estimation.measurements import CameraRows, Observations
 from snakeslam.estimation.preintegration import ImuSegments, preintegrate
 from snakeslam.estimation.settings import EstimatorSettings
 from snakeslam.estimation.sightings import Sightings
+from snakeslam.estimation.stillness import AtRest, Rest
 from snakeslam.estimation.state import THETA, State, V
 from snakeslam.estimation.tracks import TrackTable, among
 from snakeslam.messages import Float
@@ -36,16 +37,15 @@ class Model:
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """What one frame did: features in use, ids to follow no longer, innovations of all that was tried."""
+    """What one frame did: ids to follow no longer, innovations of all that was tried."""
 
-    used: int
     refused: NDArray[np.int64]
     innovations: tuple[Innovation, ...]
 
     @staticmethod
     def none() -> "Report":
         """Return that of a frame without a picture."""
-        return Report(0, np.empty(0, np.int64), ())
+        return Report(np.empty(0, np.int64), ())
 
 
 class SlidingWindow:
@@ -68,8 +68,8 @@ class SlidingWindow:
             state.widen(THETA, (GAP_RATE_RAD_S * blind_s) ** 2)
             state.widen(V, (GAP_ACCEL_M_S2 * blind_s) ** 2)
 
-    def correct(self, frame: FrontendFrame) -> Report:
-        """Take the features of a frame at the state's time."""
+    def correct(self, frame: FrontendFrame, rest: Rest | None = None) -> Report:
+        """Take the features of a frame at the state's time, and that the head is at rest when it is."""
         state, tracks = self.state, self._tracks
         state.add_clone()
         state.keep_landmarks(among(state.landmarks.ids, frame.ids))
@@ -83,6 +83,7 @@ class SlidingWindow:
         chosen = (lost & (tracks.lengths >= MIN_TRACK)) | ripe
         features, tried = self._features(chosen)
         measurements: list[Measurement] = [m for m in (features, sightings) if len(m)]
+        measurements += self._at_rest(rest, len(state.clones) > 1)
         update(state, measurements, self._settings.max_iterations)
         self._promote(features, tracks.ids[ripe])
         refused = self._refused(tracks.ids[ripe & tracks.has_depth], features)
@@ -90,7 +91,18 @@ class SlidingWindow:
         if leaving is not None:
             tracks.forget_column(leaving)
             state.drop_clone(leaving)
-        return Report(len(sightings) + len(features), refused, (seen, tried))
+        return Report(refused, (seen, tried))
+
+    def hold(self, rest: Rest) -> None:
+        """Take that the head is at rest, at a time without a picture of its own."""
+        if len(self.state.clones) > 1:
+            update(self.state, self._at_rest(rest, False), self._settings.max_iterations)
+
+    def _at_rest(self, rest: Rest | None, has_clone: bool) -> list[AtRest]:
+        if rest is None or len(self.state.clones) < 2:
+            return []
+        rows = AtRest.of(rest, has_clone)
+        return [rows] if rows.innovation(self.state).accepted.all() else []
 
     def _let_landmarks_wander(self) -> None:
         """Widen landmarks by what their tracks creep from frame to frame: an error that no averaging takes away."""

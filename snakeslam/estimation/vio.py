@@ -4,6 +4,7 @@ For each frame: propagate by the pre-integrated IMU, follow features, clone the 
 or was lost and with the landmarks in view, shrink the window, judge.
 """
 
+from dataclasses import replace
 from typing import Protocol
 
 import numpy as np
@@ -14,17 +15,20 @@ from snakeslam.errors import InputError
 from snakeslam.estimation.base import FrameEstimate
 from snakeslam.estimation.camera import PinholeCamera
 from snakeslam.estimation.frontend import Frontend, FrontendFrame
-from snakeslam.estimation.health import Evidence, judge
+from snakeslam.estimation.gating import Agreement
+from snakeslam.estimation.health import Evidence, judge, supports
 from snakeslam.estimation.measurements import CameraRows
 from snakeslam.estimation.preintegration import ImuBuffer
 from snakeslam.estimation.settings import EstimatorSettings
 from snakeslam.estimation.sliding_window import Model, Report, SlidingWindow
 from snakeslam.estimation.starting import Seen, Starter
 from snakeslam.estimation.state import State, V
+from snakeslam.estimation.stillness import REST_NS, RestDetector
 from snakeslam.geometry import se3, so3
 from snakeslam.messages import CameraFrame, Float, Health, ImuSample, Packet, PoseEstimate, Verdict
 
 POSE_AND_VELOCITY = slice(0, 9)
+CLOCK_SET_BACK_FRAMES = 10
 
 
 class FeatureSource(Protocol):
@@ -54,8 +58,11 @@ class VisualInertialOdometry:
         self._frontend: FeatureSource = frontend or Frontend(settings.frontend, camera, seed)
         self._imu = ImuBuffer(rig.imu0)
         self._starter = Starter(settings, self._model)
+        self._rest = RestDetector(rig.imu0, camera.focal_px)
         self._filter: SlidingWindow | None = None
         self._last_ns: int | None = None
+        self._picture_ns: int | None = None
+        self._back_ns: list[int] = []
         self._bias_g = np.zeros(3)
         self._supported_ns = 0
         self._anchor: tuple[float, Float] = (0.0, np.zeros(3))
@@ -66,65 +73,107 @@ class VisualInertialOdometry:
             self._imu.add(packet)
         return self._take_frame(packet) if isinstance(packet, CameraFrame) else None
 
+    # -- Time ---------------------------------------------------------------------------------------------------------
+
     def _take_frame(self, frame: CameraFrame) -> FrameEstimate:
         t_ns = frame.t_ns + self._shift_ns
-        if self._last_ns is not None and t_ns <= self._last_ns:
-            return _estimate(frame, None, None, Health(Verdict.BLIND, ("the frame's time goes back",)))
-        gap_s = self._imu.longest_gap_s(self._last_ns, t_ns) if self._last_ns is not None else 0.0
+        last_ns = self._last_ns
+        if last_ns is not None and t_ns <= last_ns:
+            return self._goes_back(frame, t_ns)
+        ahead_s = self._imu.ahead_s(t_ns)
+        if self._filter is not None and ahead_s > self._settings.health.max_blind_s:
+            health = Health(Verdict.BLIND, (f"the frame's time is {ahead_s:.1f} s ahead of the IMU",))
+            return _estimate(frame, None, None, health)
+        self._back_ns.clear()
+        gap_s = self._imu.longest_gap_s(last_ns, t_ns) if last_ns is not None else 0.0
         seen = Seen(t_ns, self._frontend.process(frame, self._motion(t_ns)))
         self._last_ns = t_ns
-        bad = self._imu.take_bad_count()
+        if not seen.features.frozen:
+            self._picture_ns = t_ns
         if self._filter is None:
-            return self._start(frame, seen)
-        self._filter.propagate(self._imu.segments(self._filter.state.t_ns, t_ns), t_ns, gap_s)
-        report = Report.none() if seen.features.frozen else self._filter.correct(seen.features)
+            return self._start(frame, seen, gap_s)
+        return self._track(frame, seen, self._filter, gap_s)
+
+    def _goes_back(self, frame: CameraFrame, t_ns: int) -> FrameEstimate:
+        """Leave out a frame whose time goes back; when the clock itself has been set back, start anew with it."""
+        self._back_ns = [*self._back_ns, t_ns] if not self._back_ns or t_ns > self._back_ns[-1] else [t_ns]
+        reasons = ("the frame's time goes back",)
+        if len(self._back_ns) < CLOCK_SET_BACK_FRAMES:
+            return _estimate(frame, None, None, Health(Verdict.BLIND, reasons))
+        if self._filter is not None:
+            self._reset(self._filter.state)
+        self._imu.clear()
+        self._last_ns = self._picture_ns = None
+        self._back_ns.clear()
+        return _estimate(frame, None, None, Health(Verdict.LOST, (*reasons, "the clock was set back")), ("reset",))
+
+    # -- One frame ----------------------------------------------------------------------------------------------------
+
+    def _track(self, frame: CameraFrame, seen: Seen, window: SlidingWindow, gap_s: float) -> FrameEstimate:
+        """Propagate, correct, judge; start anew when the filter is lost."""
+        features, state, health = seen.features, window.state, self._settings.health
+        window.propagate(self._imu.segments(state.t_ns, seen.t_ns), seen.t_ns, gap_s)
+        rest = self._rest.see(seen.t_ns, features, self._imu.recent(seen.t_ns - REST_NS), state.bias_g)
+        if features.frozen and rest is not None:
+            window.hold(rest)
+        report = Report.none() if features.frozen else window.correct(features, rest)
         self._frontend.drop(report.refused)
-        if report.used >= self._settings.health.min_features:
-            self._supported_ns = t_ns
         evidence = Evidence(
-            used=report.used,
-            rejected=len(seen.features.rejected_ids),
-            cov_v=self._filter.state.cov[V, V],
-            blind_s=(t_ns - self._supported_ns) / 1e9,
-            frozen=seen.features.frozen,
+            followed=features.followed,
+            rejected=len(features.rejected_ids),
+            agreement=Agreement.of(report.innovations),
+            cov_v=state.cov[V, V],
+            blind_s=(seen.t_ns - self._supported_ns) / 1e9,
+            frozen=features.frozen,
+            resting=rest is not None,
             imu_gap_s=gap_s,
-            bad_samples=bad,
+            bad_samples=self._imu.take_bad_count(),
         )
-        return self._conclude(frame, seen, self._filter.state, judge(evidence, self._settings.health))
+        if supports(evidence, health):
+            self._supported_ns = seen.t_ns
+            evidence = replace(evidence, blind_s=0.0)
+        return self._conclude(frame, seen, state, judge(evidence, health))
 
     def _conclude(self, frame: CameraFrame, seen: Seen, state: State, health: Health) -> FrameEstimate:
         """Publish; start anew when the filter is lost."""
-        self._imu.forget_before(state.t_ns)
-        self._bias_g = state.bias_g
+        self._imu.forget_before(min(state.t_ns - REST_NS, self._picture_ns or state.t_ns))
         if health.verdict is not Verdict.LOST:
+            self._bias_g = state.bias_g
+            self._anchor = (float(so3.yaw(state.R_WI)), state.p_WI)
             return _estimate(frame, seen, state, health)
         self._reset(state)
         return _estimate(frame, seen, None, health, ("reset",))
 
     def _reset(self, state: State) -> None:
         """Forget everything but where the robot was last."""
-        self._anchor = (float(so3.yaw(state.R_WI)), state.p_WI)
+        if np.all(np.isfinite(state.p_WI)) and np.all(np.isfinite(state.R_WI)):
+            self._anchor = (float(so3.yaw(state.R_WI)), state.p_WI)
         self._filter = None
         self._starter = Starter(self._settings, self._model)
 
-    def _start(self, frame: CameraFrame, seen: Seen) -> FrameEstimate:
+    def _start(self, frame: CameraFrame, seen: Seen, gap_s: float) -> FrameEstimate:
         """Try to start; the first pose defines W."""
+        bad = self._imu.take_bad_count()
         started = self._starter.try_to_start(seen, self._imu)
         if started is None:
-            return _estimate(frame, seen, None, Health(Verdict.INITIALISING, ("waiting for a start",)))
+            reasons = ["waiting for a start"]
+            reasons += [f"IMU silent for {gap_s * 1e3:.0f} ms"] if gap_s > self._settings.health.max_imu_gap_s else []
+            reasons += [f"{bad} IMU samples were late, not numbers or not possible"] if bad else []
+            return _estimate(frame, seen, None, Health(Verdict.INITIALISING, tuple(reasons)))
         self._filter, event = started
         state = self._filter.state
         self._filter.propagate(self._imu.segments(state.t_ns, seen.t_ns), seen.t_ns, 0.0)
         report = self._filter.correct(seen.features)
         self._frontend.drop(report.refused)
         state.make_origin(*self._anchor)
+        self._bias_g = state.bias_g
         self._supported_ns = seen.t_ns
-        return _estimate(frame, seen, state, Health(Verdict.GOOD, (), len(seen.features.ids)), (event,))
+        return _estimate(frame, seen, state, Health(Verdict.GOOD, (), seen.features.followed), (event,))
 
     def _motion(self, t_ns: int) -> Float:
-        """Return T_C1C0, how the camera has moved since the frame before: turned as the gyro says, at its last speed."""
+        """Return T_C1C0, how the camera has moved since the last new picture: turned as the gyro says, at its speed."""
         T = np.eye(4)
-        span = self._imu.segments(self._last_ns, t_ns) if self._last_ns is not None else None
+        span = self._imu.segments(self._picture_ns, t_ns) if self._picture_ns is not None else None
         if span is None:
             return T
         R_I0I1 = np.eye(3)

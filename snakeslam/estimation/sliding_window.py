@@ -83,7 +83,7 @@ class SlidingWindow:
         chosen = (lost & (tracks.lengths >= MIN_TRACK)) | ripe
         features, tried = self._features(chosen)
         measurements: list[Measurement] = [m for m in (features, sightings) if len(m)]
-        measurements += self._at_rest(rest, len(state.clones) > 1)
+        measurements += self._at_rest(rest, True)
         update(state, measurements, self._settings.max_iterations)
         self._promote(features, tracks.ids[ripe])
         refused = self._refused(tracks.ids[ripe & tracks.has_depth], features)
@@ -95,13 +95,12 @@ class SlidingWindow:
 
     def hold(self, rest: Rest) -> None:
         """Take that the head is at rest, at a time without a picture of its own."""
-        if len(self.state.clones) > 1:
-            update(self.state, self._at_rest(rest, False), self._settings.max_iterations)
+        update(self.state, self._at_rest(rest, False), self._settings.max_iterations)
 
     def _at_rest(self, rest: Rest | None, has_clone: bool) -> list[AtRest]:
-        if rest is None or len(self.state.clones) < 2:
+        if rest is None:
             return []
-        rows = AtRest.of(rest, has_clone)
+        rows = AtRest.of(rest, has_clone and len(self.state.clones) > 1)
         return [rows] if rows.innovation(self.state).accepted.all() else []
 
     def _let_landmarks_wander(self) -> None:

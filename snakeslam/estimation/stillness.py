@@ -77,41 +77,42 @@ class AtRest:
     sigma_v: float
     sigma_p: float
     sigma_theta: float
-    count: int
-    """9, or 3 for the velocity alone, when no clone was made."""
+    between_clones: bool
+    """Whether there are two clones to compare; else the velocity alone is told, and count is 3 in place of 9."""
 
     @staticmethod
-    def of(rest: Rest, has_clone: bool) -> "AtRest":
+    def of(rest: Rest, between_clones: bool) -> "AtRest":
         """Return the rows of a rest; what moves a little in the picture may move a little in space."""
         moved_m = rest.moved_rad * DISTANCE_M
         sigmas = SIGMA_V_M_S + moved_m / rest.age_s, SIGMA_P_M + moved_m, SIGMA_THETA_RAD + rest.moved_rad
-        return AtRest(*sigmas, 9 if has_clone else 3)
+        return AtRest(*sigmas, between_clones)
 
     def residual(self, state: State) -> Float:
         """Return the whitened residual, (count,)."""
-        before, now = len(state.clones) - 2, len(state.clones) - 1
-        R, p = state.clones.R_WI, state.clones.p_WI
-        turn = so3.log(R[before].T @ R[now])
-        r = [state.v_W / self.sigma_v, (p[now] - p[before]) / self.sigma_p, turn / self.sigma_theta]
-        return -np.concatenate(r)[: self.count]
+        v = -state.v_W / self.sigma_v
+        if not self.between_clones:
+            return v
+        R, p = state.clones.R_WI[-2:], state.clones.p_WI[-2:]
+        return np.concatenate([v, (p[0] - p[1]) / self.sigma_p, -so3.log(R[0].T @ R[1]) / self.sigma_theta])
 
     def jacobian(self, state: State) -> Float:
         """Return the whitened Jacobian at first estimates, (count, size)."""
-        before, now = len(state.clones) - 2, len(state.clones) - 1
-        R = state.clones.R_fej
-        at_before, at_now = state.clone_slice(before).start, state.clone_slice(now).start
-        H = np.zeros((9, state.size))
+        H = np.zeros((9 if self.between_clones else 3, state.size))
         H[:3, V] = np.eye(3) / self.sigma_v
-        for at, sign in ((at_before, -1.0), (at_now, 1.0)):
+        if not self.between_clones:
+            return H
+        before, now = (state.clone_slice(len(state.clones) - k).start for k in (2, 1))
+        R = state.clones.R_fej[-2:]
+        for at, sign in ((before, -1.0), (now, 1.0)):
             H[3:6, at + P.start : at + P.stop] = sign * np.eye(3) / self.sigma_p
-        H[6:, at_now + THETA.start : at_now + THETA.stop] = np.eye(3) / self.sigma_theta
-        H[6:, at_before + THETA.start : at_before + THETA.stop] = -R[now].T @ R[before] / self.sigma_theta
-        return H[: self.count]
+        H[6:, now + THETA.start : now + THETA.stop] = np.eye(3) / self.sigma_theta
+        H[6:, before + THETA.start : before + THETA.stop] = -R[1].T @ R[0] / self.sigma_theta
+        return H
 
     def innovation(self, state: State) -> Innovation:
         """Return how far it is from what the state foresees."""
         H = self.jacobian(state)
-        return Innovation.of(self.residual(state)[None], (H @ state.cov @ H.T)[None], np.array([self.count]))
+        return Innovation.of(self.residual(state)[None], (H @ state.cov @ H.T)[None], np.array([len(H)]))
 
     def linearise(self, state: State, total: Information) -> None:
         """Add the rows to ``total``."""

@@ -100,7 +100,7 @@ class SlidingWindow:
     def _at_rest(self, rest: Rest | None, has_clone: bool) -> list[AtRest]:
         if rest is None:
             return []
-        rows = AtRest.of(rest, has_clone and len(self.state.clones) > 1)
+        rows = AtRest.of(rest, self.state, has_clone)
         return [rows] if rows.innovation(self.state).accepted.all() else []
 
     def _let_landmarks_wander(self) -> None:

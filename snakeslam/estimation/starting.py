@@ -12,6 +12,7 @@ from snakeslam.estimation.start_moving import start_moving
 from snakeslam.estimation.start_still import start_still
 from snakeslam.estimation.tracks import TrackTable
 
+AT_REST, IN_MOTION = "initialised at rest", "initialised in motion"
 STILL_DISPARITY_PX = 1.0
 STILL_WINDOW_NS = 300_000_000
 MOVING_START_NS = 700_000_000
@@ -46,7 +47,7 @@ class Starter:
             return None
         recent = [s for s in imu.samples if s.t_ns > seen.t_ns - STILL_WINDOW_NS]
         state = start_still(recent, seen.t_ns, self._settings.gravity_m_s2, self._model.noise)
-        return None if state is None else (SlidingWindow(state, self._settings, self._model), "initialised at rest")
+        return None if state is None else (SlidingWindow(state, self._settings, self._model), AT_REST)
 
     def _from_motion(self, seen: Seen, imu: ImuBuffer) -> tuple[SlidingWindow, str] | None:
         if seen.t_ns - self._history[0].t_ns < MOVING_START_NS:
@@ -60,7 +61,7 @@ class Starter:
         for past in self._history[:-1]:
             window.propagate(imu.segments(window.state.t_ns, past.t_ns), past.t_ns, 0.0)
             window.correct(past.features)
-        return window, "initialised in motion"
+        return window, IN_MOTION
 
     def _table(self) -> TrackTable:
         tracks = TrackTable()

@@ -25,8 +25,9 @@ SIGMA_V_M_S, SIGMA_P_M, SIGMA_THETA_RAD = 0.005, 0.001, 0.001
 
 @dataclass(frozen=True, slots=True)
 class Rest:
-    """At rest for ``age_s``, in which the picture moved by ``moved_rad`` (median angle of its features)."""
+    """At rest since ``since_ns``, for ``age_s``; the picture moved by ``moved_rad`` (median angle of its features)."""
 
+    since_ns: int
     age_s: float
     moved_rad: float
 
@@ -39,6 +40,10 @@ class RestDetector:
         self._accel_std = ACCEL_STD_M_S2 + 2.0 * noise.accelerometer_noise_density * np.sqrt(noise.update_rate)
         self._rest_rad = REST_PX / focal_px
         self._reference: tuple[int, FrontendFrame] | None = None
+
+    def begin(self, t_ns: int, frame: FrontendFrame) -> None:
+        """Take it that rest has been found otherwise, for as long as it takes."""
+        self._reference = (t_ns - REST_NS, frame)
 
     def see(self, t_ns: int, frame: FrontendFrame, samples: Sequence[ImuSample], bias_g: Float) -> Rest | None:
         """Return the rest that lasts until ``t_ns``, or None; ``samples`` are those of the last 0.3 s."""
@@ -56,7 +61,7 @@ class RestDetector:
             return None
         if t_ns - since_ns < REST_NS:
             return None
-        return Rest((t_ns - since_ns) / 1e9, float(np.median(moved)))
+        return Rest(since_ns, (t_ns - since_ns) / 1e9, float(np.median(moved)))
 
     def _imu_rests(self, samples: Sequence[ImuSample], bias_g: Float) -> bool:
         if len(samples) < 2:
@@ -72,41 +77,43 @@ class RestDetector:
 
 @dataclass(slots=True)
 class AtRest:
-    """Rows v_W = 0, p = p' and Log(R'^T R) = 0 between the newest clone and the one before it (primed)."""
+    """Rows v_W = 0, p = p' and Log(R'^T R) = 0 between the newest clone and an older one of the same rest (primed)."""
 
     sigma_v: float
     sigma_p: float
     sigma_theta: float
-    between_clones: bool
-    """Whether there are two clones to compare; else the velocity alone is told, and count is 3 in place of 9."""
+    before: int | None
+    """The older clone; None where there is none: then the velocity alone is told, and count is 3 in place of 9."""
 
     @staticmethod
-    def of(rest: Rest, between_clones: bool) -> "AtRest":
+    def of(rest: Rest, state: State, has_clone: bool) -> "AtRest":
         """Return the rows of a rest; what moves a little in the picture may move a little in space."""
         moved_m = rest.moved_rad * DISTANCE_M
         sigmas = SIGMA_V_M_S + moved_m / rest.age_s, SIGMA_P_M + moved_m, SIGMA_THETA_RAD + rest.moved_rad
-        return AtRest(*sigmas, between_clones)
+        of_rest = int(np.searchsorted(state.clones.t_ns, rest.since_ns))
+        return AtRest(*sigmas, of_rest if has_clone and of_rest < len(state.clones) - 1 else None)
 
     def residual(self, state: State) -> Float:
         """Return the whitened residual, (count,)."""
         v = -state.v_W / self.sigma_v
-        if not self.between_clones:
+        if self.before is None:
             return v
-        R, p = state.clones.R_WI[-2:], state.clones.p_WI[-2:]
-        return np.concatenate([v, (p[0] - p[1]) / self.sigma_p, -so3.log(R[0].T @ R[1]) / self.sigma_theta])
+        R, p = state.clones.R_WI, state.clones.p_WI
+        turn = so3.log(R[self.before].T @ R[-1])
+        return np.concatenate([v, (p[self.before] - p[-1]) / self.sigma_p, -turn / self.sigma_theta])
 
     def jacobian(self, state: State) -> Float:
         """Return the whitened Jacobian at first estimates, (count, size)."""
-        H = np.zeros((9 if self.between_clones else 3, state.size))
+        H = np.zeros((3 if self.before is None else 9, state.size))
         H[:3, V] = np.eye(3) / self.sigma_v
-        if not self.between_clones:
+        if self.before is None:
             return H
-        before, now = (state.clone_slice(len(state.clones) - k).start for k in (2, 1))
-        R = state.clones.R_fej[-2:]
+        before, now = state.clone_slice(self.before).start, state.clone_slice(len(state.clones) - 1).start
+        R = state.clones.R_fej
         for at, sign in ((before, -1.0), (now, 1.0)):
             H[3:6, at + P.start : at + P.stop] = sign * np.eye(3) / self.sigma_p
         H[6:, now + THETA.start : now + THETA.stop] = np.eye(3) / self.sigma_theta
-        H[6:, before + THETA.start : before + THETA.stop] = -R[1].T @ R[0] / self.sigma_theta
+        H[6:, before + THETA.start : before + THETA.stop] = -R[-1].T @ R[self.before] / self.sigma_theta
         return H
 
     def innovation(self, state: State) -> Innovation:

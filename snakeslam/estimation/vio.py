@@ -21,7 +21,7 @@ from snakeslam.estimation.measurements import CameraRows
 from snakeslam.estimation.preintegration import ImuBuffer
 from snakeslam.estimation.settings import EstimatorSettings
 from snakeslam.estimation.sliding_window import Model, Report, SlidingWindow
-from snakeslam.estimation.starting import Seen, Starter
+from snakeslam.estimation.starting import AT_REST, Seen, Starter
 from snakeslam.estimation.state import State, V
 from snakeslam.estimation.stillness import REST_NS, RestDetector
 from snakeslam.geometry import se3, so3
@@ -166,6 +166,8 @@ class VisualInertialOdometry:
         report = self._filter.correct(seen.features)
         self._frontend.drop(report.refused)
         state.make_origin(*self._anchor)
+        if event == AT_REST:
+            self._rest.begin(seen.t_ns, seen.features)
         self._bias_g = state.bias_g
         self._supported_ns = seen.t_ns
         return _estimate(frame, seen, state, Health(Verdict.GOOD, (), seen.features.followed), (event,))

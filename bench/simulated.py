@@ -117,6 +117,7 @@ class SimulatedFrontend:
 
     def process(self, frame: CameraFrame, T_C1C0: Float) -> FrontendFrame:
         """Return noisy observations of what is in view."""
+        del T_C1C0
         R_WI, p_WI = self._head.pose(np.array([frame.t_ns / 1e9]))
         p_C = ((self._points_W - p_WI[0]) @ R_WI[0] - P_IC) @ R_IC
         xy = p_C[:, :2] / np.maximum(p_C[:, 2:], 0.1)
@@ -172,6 +173,8 @@ def run(head: SwingingHead, settings: EstimatorSettings = SETTINGS) -> Take:
     e_p = (p_true - p_true[0]) @ R.T + T[0, :3, 3] - T[:, :3, 3]
     e_theta = so3.log(np.swapaxes(T[:, :3, :3], -1, -2) @ R @ R_true)
     cov = np.array([p.cov for p in poses])
-    nees = [np.einsum("ni,ni->n", e[1:], np.linalg.solve(P[1:], e[1:, :, None])[..., 0])
-            for e, P in ((e_p, cov[:, 3:6, 3:6]), (e_theta, cov[:, :3, :3]))]
+    nees = [
+        np.einsum("ni,ni->n", e[1:], np.linalg.solve(P[1:], e[1:, :, None])[..., 0])
+        for e, P in ((e_p, cov[:, 3:6, 3:6]), (e_theta, cov[:, :3, :3]))
+    ]
     return Take(t_s[1:], e_p[1:], e_theta[1:], *nees, cov[1:])

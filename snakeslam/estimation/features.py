@@ -95,7 +95,8 @@ class Features:
         cross = np.swapaxes(cross, 1, 2).reshape(CLONE * n, m, 3)
         flat, r_flat = Hf.reshape(m, 3 * n, 3), r.reshape(m, 3 * n, 1)
         flat_T = np.swapaxes(flat, 1, 2)
-        A_inv, g = np.linalg.inv(flat_T @ flat), (flat_T @ r_flat)[..., 0]
+        A_inv: Float = np.asarray(np.linalg.inv(flat_T @ flat), dtype=np.float64)
+        g = (flat_T @ r_flat)[..., 0]
         narrow = np.einsum("cmi,mij->cmj", cross, A_inv).reshape(CLONE * n, -1)
         total.L[at, at] -= narrow @ cross.reshape(CLONE * n, -1).T
         total.gradient[at] -= narrow @ g.ravel()

@@ -19,6 +19,8 @@ KLT_EPSILON_PX = 0.02
 KLT_STEPS = 20
 FROZEN_LEVEL = 1e-9
 ENOUGH_CORNERS = 4
+MIN_EIGENVALUE = 3e-3
+"""Least texture in the poorest direction of a window (OpenCV's scale): below it KLT creeps along."""
 LEAST_ROLL = 0.015
 """Sine of the least turn about the optical axis between two pictures that is undone before KLT."""
 
@@ -110,7 +112,8 @@ class Frontend:
             winSize=(self._settings.klt_window_px, self._settings.klt_window_px),
             maxLevel=self._settings.klt_levels,
             criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, KLT_STEPS, KLT_EPSILON_PX),
-            flags=cv2.OPTFLOW_USE_INITIAL_FLOW, minEigThreshold=3e-3,
+            flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+            minEigThreshold=MIN_EIGENVALUE,
         )
         px1 = np.asarray(px1, dtype=np.float32).reshape(-1, 2)
         kept = np.asarray(status).ravel().astype(bool) & self._inside(px1)
@@ -119,7 +122,8 @@ class Frontend:
     def _turned(self, before: NDArray[np.uint8], R_C1C0: Float) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """Return the picture before as a pinhole turned by ``R_C1C0`` sees it, and where its features are there.
 
-        A small roll is let be, for interpolation has errors of its own. Distortion is left as it is: what matters is that windows look alike.
+        A small roll is let be, for interpolation has errors of its own. Distortion is left as it is: what matters is
+        that windows look alike.
         """
         if abs(float(R_C1C0[1, 0])) < LEAST_ROLL:
             return before, self._px
@@ -245,9 +249,13 @@ def sample_depth(depth_m: NDArray[np.float32] | None, px: NDArray[np.float32]) -
     u, v = np.rint(px[:, 0]).astype(np.int64), np.rint(px[:, 1]).astype(np.int64)
     du, dv = np.meshgrid([-1, 0, 1], [-1, 0, 1])
     height, width = depth_m.shape
-    around = np.nan_to_num(depth_m[
-        np.clip(v[:, None] + dv.ravel(), 0, height - 1), np.clip(u[:, None] + du.ravel(), 0, width - 1)
-    ].astype(np.float64), posinf=0.0, neginf=0.0)
+    around = np.nan_to_num(
+        depth_m[np.clip(v[:, None] + dv.ravel(), 0, height - 1), np.clip(u[:, None] + du.ravel(), 0, width - 1)].astype(
+            np.float64
+        ),
+        posinf=0.0,
+        neginf=0.0,
+    )
     middle = np.median(around, axis=-1)
     # The allowance grows like the noise of a depth camera does.
     allowance = EDGE_PER_M * middle + EDGE_PER_M2 * middle**2

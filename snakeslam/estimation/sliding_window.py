@@ -14,8 +14,8 @@ from snakeslam.estimation.measurements import CameraRows, Observations
 from snakeslam.estimation.preintegration import ImuSegments, preintegrate
 from snakeslam.estimation.settings import EstimatorSettings
 from snakeslam.estimation.sightings import Sightings
-from snakeslam.estimation.stillness import AtRest, Rest
 from snakeslam.estimation.state import THETA, State, V
+from snakeslam.estimation.stillness import AtRest, Rest
 from snakeslam.estimation.tracks import TrackTable, among
 from snakeslam.messages import Float
 

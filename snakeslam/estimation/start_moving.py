@@ -55,7 +55,9 @@ def _window(
         return None
     t_s = (np.array(times_ns) - times_ns[0]) / 1e9
     kept = [span for span in spans if span is not None]
-    return StartWindow(t_s, kept, Observations.weighed(tracks.xyz[long], tracks.seen[long], rows), rows, noise, gravity_m_s2)
+    return StartWindow(
+        t_s, kept, Observations.weighed(tracks.xyz[long], tracks.seen[long], rows), rows, noise, gravity_m_s2
+    )
 
 
 def _gyro_bias(window: StartWindow) -> Float:
@@ -131,5 +133,3 @@ def _on_sphere(A: Float, b: Float, radius: float) -> Float:
         x[0] += np.copysign(np.sqrt(max(radius**2 - float(x @ x) + x[0] ** 2, 0.0)) - abs(x[0]), x[0] or 1.0)
         return vectors @ x
     return vectors @ (c / (values + float(brentq(excess, low, high))))
-
-

@@ -2,8 +2,6 @@
 
 from dataclasses import dataclass
 
-import numpy as np
-
 from snakeslam.estimation.frontend import FrontendFrame
 from snakeslam.estimation.preintegration import ImuBuffer
 from snakeslam.estimation.settings import EstimatorSettings

@@ -55,7 +55,7 @@ class TrackTable:
     def forget_column(self, k: int) -> None:
         """Drop the observations of clone ``k``, and the tracks that have no others."""
         self.xyz, self.seen = np.delete(self.xyz, k, axis=1), np.delete(self.seen, k, axis=1)
-        self.keep(self.seen.any(axis=1))
+        self.keep(np.asarray(self.seen.any(axis=1)))
 
     def keep(self, kept: NDArray[np.bool_]) -> None:
         """Remove the tracks that are not ``kept`` (M,)."""

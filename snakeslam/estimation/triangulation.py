@@ -35,7 +35,7 @@ def triangulate(poses: Poses, observed: Observations, rows: CameraRows) -> tuple
     for _ in range(ROUNDS):
         damped = A.copy()
         damped[:, diagonal, diagonal] += damping[:, None] * (A[:, diagonal, diagonal] + TINY)
-        trial = points + np.linalg.solve(damped, g[..., None])[..., 0]
+        trial: Float = np.asarray(points + np.linalg.solve(damped, g[..., None])[..., 0], dtype=np.float64)
         A_trial, g_trial, trial_cost = _normal_equations(trial, poses, observed, rows)
         better = trial_cost <= cost
         settled = bool(np.all(np.abs(cost - trial_cost) <= SETTLED * (cost + SETTLED)))

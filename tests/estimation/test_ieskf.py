@@ -117,7 +117,7 @@ def window_seeing_points(rng: np.random.Generator) -> tuple[State, Features]:
 
 
 def test_projected_features_are_points_with_a_flat_prior(rng: np.random.Generator) -> None:
-    """L = sum Hx^T Hx - Hx^T Hf (Hf^T Hf)^-1 Hf^T Hx: the update of poses is that of a joint one with unknown points."""
+    """L = sum Hx^T Hx - Hx^T Hf (Hf^T Hf)^-1 Hf^T Hx: as a joint update with points of which nothing is known."""
     state, features = window_seeing_points(rng)
     joint, seen = window_seeing_points(np.random.default_rng(7))
     count = len(POINTS_W)
@@ -148,7 +148,9 @@ def test_a_new_origin_is_exact_and_keeps_what_is_relative(rng: np.random.Generat
     state.R_WI = so3.exp(np.array([0.1, -0.2, 0.7]))
     relative = np.zeros((3, state.size))
     relative[:, 3:6], relative[:, state.window.stop - 3 :] = -np.eye(3), np.eye(3)
-    relative -= np.outer(np.cross([0, 0, 1], state.clones.p_WI[-1] - state.p_WI), np.r_[state.R_WI[2], np.zeros(state.size - 3)])
+    relative -= np.outer(
+        np.cross([0, 0, 1], state.clones.p_WI[-1] - state.p_WI), np.r_[state.R_WI[2], np.zeros(state.size - 3)]
+    )
     before = relative @ state.cov @ relative.T
     R = so3.from_yaw(0.3 - so3.yaw(state.R_WI))
     state.make_origin(0.3, np.array([1.0, 2.0, 3.0]))

@@ -66,8 +66,11 @@ def test_propagation_of_the_error_state(rng: np.random.Generator) -> None:
 
 def test_rows_at_rest(rng: np.random.Generator) -> None:
     """Zero velocity and no motion between the last two clones."""
+
     def state() -> State:
-        at = State(0, so3.exp(np.array([0.3, -0.2, 1.0])), np.ones(3), np.zeros(3), np.zeros(3), np.zeros(3), np.eye(CORE))
+        at = State(
+            0, so3.exp(np.array([0.3, -0.2, 1.0])), np.ones(3), np.zeros(3), np.zeros(3), np.zeros(3), np.eye(CORE)
+        )
         at.add_clone()
         at.add_clone()
         return at

@@ -19,6 +19,7 @@ KLT_EPSILON_PX = 0.02
 KLT_STEPS = 20
 FROZEN_LEVEL = 1e-9
 ENOUGH_CORNERS = 4
+FEW_MISSING = 0.05
 MIN_EIGENVALUE = 3e-3
 """Least texture in the poorest direction of a window (OpenCV's scale): below it KLT creeps along."""
 LEAST_ROLL = 0.015
@@ -183,9 +184,9 @@ class Frontend:
         return np.asarray(good), float(np.median(rest_px[good])) if good.any() else None
 
     def _detect(self, gray: NDArray[np.uint8]) -> None:
-        """Fill up to ``max_tracks`` with the strongest FAST corner of each empty cell of a grid."""
+        """Fill up to ``max_tracks``, when more than a few are missing, with the strongest FAST corner of each empty cell of a grid."""
         missing = self._settings.max_tracks - len(self._px)
-        if missing <= 0:
+        if missing <= FEW_MISSING * self._settings.max_tracks:
             return
         cell = self._cell_px()
         taken = np.zeros((gray.shape[0] // cell + 1, gray.shape[1] // cell + 1), bool)

@@ -5,6 +5,7 @@ the pose or velocity there: alpha (position), beta (velocity) and gamma (rotatio
 quaternion gamma is a rotation matrix here; its errors are right perturbations.
 """
 
+from bisect import bisect_right
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -147,6 +148,10 @@ def _noise(dt_s: Float, noise: ImuCalibration) -> Float:
     return Q
 
 
+def _time(sample: ImuSample) -> int:
+    return sample.t_ns
+
+
 class ImuBuffer:
     """The samples since some time, cut into spans between any two times."""
 
@@ -173,7 +178,7 @@ class ImuBuffer:
 
     def forget_before(self, t_ns: int) -> None:
         """Drop what no span after ``t_ns`` needs."""
-        keep = next((k for k, s in enumerate(self._samples) if s.t_ns > t_ns), len(self._samples))
+        keep = bisect_right(self._samples, t_ns, key=_time)
         del self._samples[: max(0, keep - 1)]
 
     def clear(self) -> None:
@@ -187,7 +192,7 @@ class ImuBuffer:
 
     def recent(self, t_ns: int) -> list[ImuSample]:
         """Return the samples after ``t_ns``."""
-        return [s for s in self._samples if s.t_ns > t_ns]
+        return self._samples[bisect_right(self._samples, t_ns, key=_time) :]
 
     @property
     def samples(self) -> tuple[ImuSample, ...]:
@@ -196,17 +201,20 @@ class ImuBuffer:
 
     def longest_gap_s(self, start_ns: int, end_ns: int) -> float:
         """Return the longest time without a sample up to ``end_ns``, counted from the last one before ``start_ns``."""
-        begin_ns = max((s.t_ns for s in self._samples if s.t_ns <= start_ns), default=start_ns)
-        times = [begin_ns, *(s.t_ns for s in self._samples if start_ns < s.t_ns < end_ns), end_ns]
+        first = bisect_right(self._samples, start_ns, key=_time)
+        begin_ns = self._samples[first - 1].t_ns if first else start_ns
+        times = [begin_ns, *(s.t_ns for s in self._samples[first:] if s.t_ns < end_ns), end_ns]
         return max(b - a for a, b in pairwise(times)) / 1e9
 
     def segments(self, start_ns: int, end_ns: int) -> ImuSegments | None:
         """Return the spans between two times; the nearest sample serves where there is none. None if empty."""
         if not self._samples or end_ns <= start_ns:
             return None
-        t = np.array([s.t_ns for s in self._samples], dtype=np.int64)
+        first = max(0, bisect_right(self._samples, start_ns, key=_time) - 1)
+        near = self._samples[first : bisect_right(self._samples, end_ns, key=_time) + 1]
+        t = np.array([s.t_ns for s in near], dtype=np.int64)
         cuts = np.unique(np.concatenate([[start_ns, end_ns], t[(t > start_ns) & (t < end_ns)]]))
-        values = np.array([np.concatenate([s.gyro_I, s.accel_I]) for s in self._samples])
+        values = np.concatenate([[s.gyro_I for s in near], [s.accel_I for s in near]], axis=1)
         if self._means:
             span = values[np.minimum(np.searchsorted(t, cuts[1:]), len(t) - 1)]
         else:

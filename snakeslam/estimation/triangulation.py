@@ -16,7 +16,7 @@ from snakeslam.messages import Float
 
 ROUNDS = 4
 TINY = 1e-9
-SETTLED = 1e-3
+SETTLED = 1e-2
 MAX_RELATIVE_SIGMA = 0.15
 MIN_Z_M = 0.1
 NEAR_M = 0.3

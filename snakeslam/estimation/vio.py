@@ -22,13 +22,14 @@ from snakeslam.estimation.preintegration import ImuBuffer
 from snakeslam.estimation.settings import EstimatorSettings
 from snakeslam.estimation.sliding_window import Model, Report, SlidingWindow
 from snakeslam.estimation.starting import AT_REST, Seen, Starter
-from snakeslam.estimation.state import State, V
+from snakeslam.estimation.state import P, State, V
 from snakeslam.estimation.stillness import REST_NS, RestDetector
 from snakeslam.geometry import se3, so3
 from snakeslam.messages import CameraFrame, Float, Health, ImuSample, Packet, PoseEstimate, Verdict
 
 POSE_AND_VELOCITY = slice(0, 9)
 CLOCK_SET_BACK_FRAMES = 10
+MAX_SIGMA_RECKONED_M = 0.3
 
 
 class FeatureSource(Protocol):
@@ -86,6 +87,8 @@ class VisualInertialOdometry:
             return _estimate(frame, None, None, health)
         self._back_ns.clear()
         gap_s = self._imu.longest_gap_s(last_ns, t_ns) if last_ns is not None else 0.0
+        if self._filter is not None:
+            self._filter.propagate(self._imu.segments(self._filter.state.t_ns, t_ns), t_ns, gap_s)
         seen = Seen(t_ns, self._frontend.process(frame, self._motion(t_ns)))
         self._last_ns = t_ns
         if not seen.features.frozen:
@@ -110,9 +113,8 @@ class VisualInertialOdometry:
     # -- One frame ----------------------------------------------------------------------------------------------------
 
     def _track(self, frame: CameraFrame, seen: Seen, window: SlidingWindow, gap_s: float) -> FrameEstimate:
-        """Propagate, correct, judge; start anew when the filter is lost."""
+        """Correct the propagated state by what is seen, and judge."""
         features, state, health = seen.features, window.state, self._settings.health
-        window.propagate(self._imu.segments(state.t_ns, seen.t_ns), seen.t_ns, gap_s)
         rest = self._rest.see(seen.t_ns, features, self._imu.recent(seen.t_ns - REST_NS), state.bias_g)
         if features.frozen and rest is not None:
             window.hold(rest)
@@ -131,6 +133,7 @@ class VisualInertialOdometry:
         )
         if supports(evidence, health):
             self._supported_ns = seen.t_ns
+            self._anchor = (float(so3.yaw(state.R_WI)), state.p_WI)
             evidence = replace(evidence, blind_s=0.0)
         return self._conclude(frame, seen, state, judge(evidence, health))
 
@@ -139,14 +142,14 @@ class VisualInertialOdometry:
         self._imu.forget_before(min(state.t_ns - REST_NS, self._picture_ns or state.t_ns))
         if health.verdict is not Verdict.LOST:
             self._bias_g = state.bias_g
-            self._anchor = (float(so3.yaw(state.R_WI)), state.p_WI)
             return _estimate(frame, seen, state, health)
         self._reset(state)
         return _estimate(frame, seen, None, health, ("reset",))
 
     def _reset(self, state: State) -> None:
-        """Forget everything but where the robot was last."""
-        if np.all(np.isfinite(state.p_WI)) and np.all(np.isfinite(state.R_WI)):
+        """Forget everything but where the robot was last: as reckoned, or as last seen where that has gone astray."""
+        sigma_m = np.sqrt(np.trace(state.cov[P, P]))
+        if np.all(np.isfinite(state.T_WI)) and sigma_m < MAX_SIGMA_RECKONED_M:
             self._anchor = (float(so3.yaw(state.R_WI)), state.p_WI)
         self._filter = None
         self._starter = Starter(self._settings, self._model)
@@ -173,20 +176,22 @@ class VisualInertialOdometry:
         return _estimate(frame, seen, state, Health(Verdict.GOOD, (), seen.features.followed), (event,))
 
     def _motion(self, t_ns: int) -> Float:
-        """Return T_C1C0, how the camera has moved since the last new picture: turned as the gyro says, at its speed."""
-        T = np.eye(4)
+        """Return T_C1C0, about how the camera has moved since the last new picture: as the filter foresees.
+
+        Without a filter only the gyro's turn is known.
+        """
+        T_IC = se3.from_rt(self._model.rows.R_IC, self._model.rows.p_IC)
+        if self._filter is not None and len(self._filter.state.clones):
+            state = self._filter.state
+            last = se3.from_rt(state.clones.R_WI[-1], state.clones.p_WI[-1])
+            return se3.inv(state.T_WI @ T_IC) @ last @ T_IC
         span = self._imu.segments(self._picture_ns, t_ns) if self._picture_ns is not None else None
         if span is None:
-            return T
+            return np.eye(4)
         R_I0I1 = np.eye(3)
         for step in so3.exp((span.gyro_I - self._bias_g) * span.dt_s[:, None]):
             R_I0I1 = R_I0I1 @ step
-        T_I0I1 = se3.from_rt(R_I0I1, np.zeros(3))
-        if self._filter is not None:
-            state = self._filter.state
-            T_I0I1[:3, 3] = state.R_WI.T @ state.v_W * float(span.dt_s.sum())
-        T_IC = se3.from_rt(self._model.rows.R_IC, self._model.rows.p_IC)
-        return se3.inv(T_IC) @ se3.inv(T_I0I1) @ T_IC
+        return se3.inv(T_IC) @ se3.from_rt(R_I0I1.T, np.zeros(3)) @ T_IC
 
 
 def _estimate(

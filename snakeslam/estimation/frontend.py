@@ -184,7 +184,7 @@ class Frontend:
         return np.asarray(good), float(np.median(rest_px[good])) if good.any() else None
 
     def _detect(self, gray: NDArray[np.uint8]) -> None:
-        """Fill up to ``max_tracks`` with the strongest FAST corner of each empty cell, when more than a few are missing."""
+        """Fill up to ``max_tracks`` with each empty cell's strongest FAST corner, when more than a few are missing."""
         missing = self._settings.max_tracks - len(self._px)
         if missing <= FEW_MISSING * self._settings.max_tracks:
             return

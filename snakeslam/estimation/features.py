@@ -43,6 +43,8 @@ class Features:
     points_W: Float
     rows: CameraRows
     _now: _Linear | None = field(default=None)
+    _fresh: tuple[Float, Float, Float] | None = field(default=None)
+    """r, Hx, Hf for the linearisation that follows the gate, where neither state nor points have moved."""
 
     @staticmethod
     def of(ids: NDArray[np.int64], observed: Observations, state: State, rows: CameraRows) -> "Features":
@@ -58,15 +60,23 @@ class Features:
 
     def pick(self, chosen: NDArray[np.bool_]) -> "Features":
         """Return some of them."""
-        return Features(self.ids[chosen], self.observed.pick(chosen), self.points_W[chosen], self.rows)
+        picked = Features(self.ids[chosen], self.observed.pick(chosen), self.points_W[chosen], self.rows)
+        if self._fresh is not None:
+            r, Hx, Hf = self._fresh
+            picked._fresh = r[chosen], Hx[chosen], Hf[chosen]
+        return picked
+
+    def _rows_of_state(self, state: State) -> tuple[Float, Float, Float]:
+        """Return whitened residuals (M, n, 3) and Jacobians (M, n, 3, 6) and (M, n, 3, 3)."""
+        r = residuals(self.points_W, Poses.of(state), self.observed, self.rows)
+        return r, *jacobians(self.points_W, Poses.first_of(state), self.observed, self.rows)
 
     def innovation(self, state: State) -> Innovation:
         """Return how far each is from what the state foresees, S = Hx P Hx^T + c Hf Hf^T + I.
 
         The point is given a wide prior, c, in place of a projection.
         """
-        r = residuals(self.points_W, Poses.of(state), self.observed, self.rows)
-        Hx, Hf = jacobians(self.points_W, Poses.first_of(state), self.observed, self.rows)
+        self._fresh = r, Hx, Hf = self._rows_of_state(state)
         m, n = self.observed.seen.shape
         P = state.cov[state.window, state.window].reshape(n, CLONE, n, CLONE)
         # P H^T for all features at once, one clone b after the other: (n, 6n, 3m).
@@ -79,9 +89,9 @@ class Features:
 
     def linearise(self, state: State, total: Information) -> None:
         """Add the projected rows to ``total``."""
-        r = residuals(self.points_W, Poses.of(state), self.observed, self.rows)
+        r, Hx, Hf = self._fresh or self._rows_of_state(state)
+        self._fresh = None
         scale = robust_scale(r)
-        Hx, Hf = jacobians(self.points_W, Poses.first_of(state), self.observed, self.rows)
         r, Hx, Hf = r * scale, Hx * scale[..., None], Hf * scale[..., None]
         m, n = self.observed.seen.shape
         at, by_clone = state.window, np.swapaxes(Hx, 0, 1)

@@ -4,7 +4,7 @@ A point in the camera of a clone is p_C = R_CI (R_WI^T (p_W - p_WI) - p_IC). A r
 depth the third row is masked out.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,12 +40,20 @@ class CameraRows:
         return weight
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Poses:
-    """IMU poses of the window: ``R_WI`` (n, 3, 3), ``p_WI`` (n, 3)."""
+    """IMU poses of the window: ``R_WI`` (n, 3, 3), ``p_WI`` (n, 3); they do not change once made."""
 
     R_WI: Float
     p_WI: Float
+    _cameras: tuple[Float, Float] | None = field(default=None, repr=False)
+
+    def cameras(self, rows: CameraRows) -> tuple[Float, Float]:
+        """Return R_CW (n, 3, 3) and the cameras' own R_CW p_WC (n, 3); made once, for the same ``rows`` each time."""
+        if self._cameras is None:
+            R_CW = rows.R_IC.T @ np.swapaxes(self.R_WI, -1, -2)
+            self._cameras = R_CW, (R_CW @ self.p_WI[..., None])[..., 0] + rows.p_IC @ rows.R_IC
+        return self._cameras
 
     @staticmethod
     def of(state: State) -> "Poses":
@@ -88,16 +96,10 @@ class Observations:
         return Observations(self.xyz[chosen], self.seen[chosen], self.weight[chosen])
 
 
-def _camera_rotations(poses: Poses, rows: CameraRows) -> Float:
-    """Return R_CW of each pose, (n, 3, 3)."""
-    return rows.R_IC.T @ np.swapaxes(poses.R_WI, -1, -2)
-
-
 def points_in_camera(points_W: Float, poses: Poses, rows: CameraRows) -> Float:
     """Return points (M, 3) in every camera, (M, n, 3)."""
-    R_CW = _camera_rotations(poses, rows)
+    R_CW, origin_C = poses.cameras(rows)
     n = len(R_CW)
-    origin_C = np.einsum("nij,nj->ni", R_CW, poses.p_WI) + rows.p_IC @ rows.R_IC
     return (points_W @ R_CW.reshape(3 * n, 3).T).reshape(-1, n, 3) - origin_C
 
 
@@ -110,7 +112,12 @@ def predict(p_C: Float) -> Float:
 
 def residuals(points_W: Float, poses: Poses, observed: Observations, rows: CameraRows) -> Float:
     """Return whitened z - h of every observation, (M, n, 3), 0 where a point is not seen."""
-    return (observed.xyz - predict(points_in_camera(points_W, poses, rows))) * observed.weight
+    return residuals_in_camera(points_in_camera(points_W, poses, rows), observed)
+
+
+def residuals_in_camera(p_C: Float, observed: Observations) -> Float:
+    """Return the same of points that are in the cameras already, (M, n, 3)."""
+    return (observed.xyz - predict(p_C)) * observed.weight
 
 
 def _rows_of_projection(xy: Float, inverse_z: Float, weight: Float, axes: Float) -> Float:
@@ -122,13 +129,10 @@ def _rows_of_projection(xy: Float, inverse_z: Float, weight: Float, axes: Float)
     return out
 
 
-def point_jacobians(points_W: Float, poses: Poses, observed: Observations, rows: CameraRows) -> Float:
-    """Return whitened dh/dp_W, (M, n, 3, 3)."""
-    p_C = points_in_camera(points_W, poses, rows)
+def point_jacobians(p_C: Float, poses: Poses, observed: Observations, rows: CameraRows) -> Float:
+    """Return whitened dh/dp_W (M, n, 3, 3) of points in the cameras, (M, n, 3)."""
     inverse_z = 1.0 / np.maximum(p_C[..., 2], MIN_Z_M)
-    return _rows_of_projection(
-        p_C[..., :2] * inverse_z[..., None], inverse_z, observed.weight, _camera_rotations(poses, rows)
-    )
+    return _rows_of_projection(p_C[..., :2] * inverse_z[..., None], inverse_z, observed.weight, poses.cameras(rows)[0])
 
 
 def jacobians(points_W: Float, poses: Poses, observed: Observations, rows: CameraRows) -> tuple[Float, Float]:
@@ -136,7 +140,7 @@ def jacobians(points_W: Float, poses: Poses, observed: Observations, rows: Camer
     p_C = points_in_camera(points_W, poses, rows)
     inverse_z = 1.0 / np.maximum(p_C[..., 2], MIN_Z_M)
     xy = p_C[..., :2] * inverse_z[..., None]
-    r_h_pW = _rows_of_projection(xy, inverse_z, observed.weight, _camera_rotations(poses, rows))
+    r_h_pW = _rows_of_projection(xy, inverse_z, observed.weight, poses.cameras(rows)[0])
     r_h_pI = _rows_of_projection(xy, inverse_z, observed.weight, rows.R_IC.T)
     p_I = (p_C @ rows.R_IC.T + rows.p_IC)[..., None, :]
     Hx = np.empty((*xy.shape[:-1], 3, 6))

@@ -9,7 +9,7 @@ from snakeslam.estimation.measurements import (
     Poses,
     point_jacobians,
     points_in_camera,
-    residuals,
+    residuals_in_camera,
     robust_scale,
 )
 from snakeslam.messages import Float
@@ -77,9 +77,10 @@ def _normal_equations(
     points: Float, poses: Poses, observed: Observations, rows: CameraRows
 ) -> tuple[Float, Float, Float]:
     """Return A = Hf^T Hf (M, 3, 3), g = Hf^T r (M, 3) and the costs (M,), all with robust weights."""
-    r = residuals(points, poses, observed, rows)
+    p_C = points_in_camera(points, poses, rows)
+    r = residuals_in_camera(p_C, observed)
     scale = robust_scale(r)
-    Hf = (point_jacobians(points, poses, observed, rows) * scale[..., None]).reshape(len(points), -1, 3)
+    Hf = (point_jacobians(p_C, poses, observed, rows) * scale[..., None]).reshape(len(points), -1, 3)
     flat = (r * scale).reshape(len(points), -1)
     Hf_T = np.swapaxes(Hf, 1, 2)
     return Hf_T @ Hf, (Hf_T @ flat[..., None])[..., 0], np.sum(flat * flat, axis=1)

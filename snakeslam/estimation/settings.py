@@ -18,7 +18,7 @@ class FrontendSettings(Settings):
     min_distance_px: Annotated[float, Field(ge=4)] = 20.0
     fast_threshold: Annotated[int, Field(ge=2, le=100)] = 12
     """FAST contrast threshold in grey levels; lowered by itself where the picture is poor."""
-    klt_window_px: Annotated[int, Field(ge=5, le=61)] = 15
+    klt_window_px: Annotated[int, Field(ge=5, le=61)] = 13
     klt_levels: Annotated[int, Field(ge=0, le=6)] = 2
     ransac_threshold_px: Positive = 1.5
 

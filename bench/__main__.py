@@ -1,4 +1,7 @@
-"""Measure where the time of a simulated run goes, against the budgets; ``make bench`` prints the table."""
+"""Measure where the time of a simulated run goes, against the budgets; ``make bench`` prints the table.
+
+``python -m bench [SECONDS]`` measures the time, ``python -m bench consistency [SEEDS]`` the NEES.
+"""
 
 import functools
 import platform
@@ -12,12 +15,14 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
+from bench import consistency
 from snakeslam.backends.sim.camera import Camera, Renderer
 from snakeslam.backends.sim.physics import SnakePhysics
 from snakeslam.config import load_config
 from snakeslam.control import Control
-from snakeslam.estimation import vio
+from snakeslam.estimation import sliding_window
 from snakeslam.estimation.frontend import Frontend
+from snakeslam.estimation.sliding_window import SlidingWindow
 from snakeslam.estimation.state import State
 from snakeslam.mapping.keyframes import KeyframeMapper
 from snakeslam.messages import GaitCommand
@@ -36,7 +41,8 @@ STAGES: tuple[tuple[Any, str, str, float | None], ...] = (
     (Camera, "expose", "simulator: its noise, blur, holes", 5.0),
     (Frontend, "process", "estimator: front-end", None),
     (State, "propagate", "estimator: propagation", None),
-    (vio, "update", "estimator: iterated update", None),
+    (SlidingWindow, "correct", "estimator: correction, all of it", None),
+    (sliding_window, "update", "estimator: of that, the iterated update", None),
     (KeyframeMapper, "update", "map: one frame", 5.0),
 )
 
@@ -71,6 +77,9 @@ def run(seconds: float) -> tuple[Recorder, float]:
 
 
 def main() -> None:
+    if sys.argv[1:2] == ["consistency"]:
+        consistency.main()
+        return
     seconds = float(sys.argv[1]) if len(sys.argv) > 1 else SECONDS
     times: dict[str, list[float]] = defaultdict(list)
     for owner, name, label, _ in STAGES:

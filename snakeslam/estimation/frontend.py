@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from snakeslam.estimation.camera import PinholeCamera
 from snakeslam.estimation.settings import FrontendSettings
+from snakeslam.estimation.tracks import among
 from snakeslam.messages import CameraFrame, Float
 
 BORDER_PX = 8
@@ -18,6 +19,11 @@ KLT_EPSILON_PX = 0.02
 KLT_STEPS = 20
 FROZEN_LEVEL = 1e-9
 ENOUGH_CORNERS = 4
+FEW_MISSING = 0.05
+MIN_EIGENVALUE = 3e-3
+"""Least texture in the poorest direction of a window (OpenCV's scale): below it KLT creeps along."""
+LEAST_ROLL = 0.015
+"""Sine of the least turn about the optical axis between two pictures that is undone before KLT."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +31,8 @@ class FrontendFrame:
     """Features of one frame: ``px`` (M, 2), ``ids`` (M,), ``xy`` (M, 2) normalised, ``depth_m`` (M,) with 0 = unknown.
 
     ``rejected_px`` (R, 2) with ``rejected_ids`` are those that RANSAC dropped; ``disparity_px`` is the median motion
-    that the turn does not explain, None without a frame before; ``frozen`` tells that the picture is the one before.
+    that the turn does not explain, None without a frame before; ``frozen`` tells that the picture is the one before,
+    ``followed`` how many features (the first ones) were there before.
     """
 
     px: NDArray[np.float32]
@@ -36,6 +43,7 @@ class FrontendFrame:
     rejected_ids: NDArray[np.int64]
     disparity_px: float | None
     frozen: bool
+    followed: int
 
 
 class Frontend:
@@ -48,63 +56,96 @@ class Frontend:
         self._gray: NDArray[np.uint8] | None = None
         self._px = np.empty((0, 2), np.float32)
         self._ids = np.empty(0, np.int64)
+        self._depth_m = np.empty(0)
         self._next_id = 0
 
-    def process(self, frame: CameraFrame, R_C1C0: Float) -> FrontendFrame:
-        """Follow the features of the frame before into ``frame``, given the camera's turn, and find new ones."""
-        frozen = self._gray is not None and bool(np.array_equal(self._gray, frame.gray))
-        rejected_px, rejected_ids = np.empty((0, 2), np.float32), np.empty(0, np.int64)
+    def process(self, frame: CameraFrame, T_C1C0: Float) -> FrontendFrame:
+        """Follow the features of the frame before into ``frame``, given about how the camera has moved, and find more.
+
+        ``T_C1C0`` (4, 4): its turn is taken as known, its translation only says where to look.
+        """
+        if self._gray is not None and np.array_equal(self._gray, frame.gray):
+            return self._frame((self._px[:0], self._ids[:0]), 0.0, len(self._px), frozen=True)
+        moved = np.ones(0, bool)
         disparity: float | None = None
         if self._gray is not None and len(self._px):
-            px0, px1, ids = self._follow(self._gray, frame.gray, R_C1C0)
-            good, disparity = self._ransac(px0, px1, R_C1C0)
-            rejected_px, rejected_ids = px1[~good], ids[~good]
-            self._px, self._ids = px1[good], ids[good]
+            px0, self._px, self._ids = self._follow(self._gray, frame.gray, T_C1C0)
+            moved, disparity = self._ransac(px0, self._px, T_C1C0[:3, :3])
         self._gray = frame.gray
+        rejected = self._px[~moved], self._ids[~moved]
+        self._px, self._ids = self._px[moved], self._ids[moved]
+        followed = len(self._px)
         self._detect(frame.gray)
-        return FrontendFrame(
-            px=self._px,
-            ids=self._ids,
-            xy=self._camera.normalise(self._px),
-            depth_m=sample_depth(frame.depth_m, self._px),
-            rejected_px=rejected_px,
-            rejected_ids=rejected_ids,
-            disparity_px=disparity,
-            frozen=frozen,
-        )
+        self._depth_m = sample_depth(frame.depth_m, self._px)
+        return self._frame(rejected, disparity, followed, frozen=False)
 
-    def drop(self, ids: set[int]) -> None:
+    def _frame(
+        self,
+        rejected: tuple[NDArray[np.float32], NDArray[np.int64]],
+        disparity_px: float | None,
+        followed: int,
+        frozen: bool,
+    ) -> FrontendFrame:
+        xy = self._camera.normalise(self._px)
+        return FrontendFrame(self._px, self._ids, xy, self._depth_m, *rejected, disparity_px, frozen, followed)
+
+    def drop(self, ids: NDArray[np.int64]) -> None:
         """Stop following these features."""
-        if ids:
-            keep = ~np.isin(self._ids, list(ids))
-            self._px, self._ids = self._px[keep], self._ids[keep]
+        if len(ids):
+            keep = ~among(self._ids, ids)
+            self._px, self._ids, self._depth_m = self._px[keep], self._ids[keep], self._depth_m[keep]
 
     def _follow(
-        self, before: NDArray[np.uint8], now: NDArray[np.uint8], R_C1C0: Float
+        self, before: NDArray[np.uint8], now: NDArray[np.uint8], T_C1C0: Float
     ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int64]]:
-        """Return where features were, where they are, and their ids; those that KLT loses are left out."""
-        start = self._predict(self._px, R_C1C0)
+        """Return where features were, where they are, and their ids; those that KLT loses are left out.
+
+        The picture before is first turned as the camera has turned: KLT takes a window for moved, not turned, and would
+        creep over the surface.
+        """
+        start = self._predict(T_C1C0)
+        turned, px0 = self._turned(before, T_C1C0[:3, :3])
         px1, status, _ = cv2.calcOpticalFlowPyrLK(
-            before,
+            turned,
             now,
-            self._px.reshape(-1, 1, 2),
+            px0.reshape(-1, 1, 2),
             start.reshape(-1, 1, 2).copy(),
             winSize=(self._settings.klt_window_px, self._settings.klt_window_px),
             maxLevel=self._settings.klt_levels,
             criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, KLT_STEPS, KLT_EPSILON_PX),
             flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+            minEigThreshold=MIN_EIGENVALUE,
         )
         px1 = np.asarray(px1, dtype=np.float32).reshape(-1, 2)
         kept = np.asarray(status).ravel().astype(bool) & self._inside(px1)
         return self._px[kept], px1[kept], self._ids[kept]
 
-    def _predict(self, px: NDArray[np.float32], R_C1C0: Float) -> NDArray[np.float32]:
-        """Return where a pure turn moves pixels; those that it takes behind the camera stay."""
-        rays = np.hstack([self._camera.normalise(px), np.ones((len(px), 1))]) @ R_C1C0.T
+    def _turned(self, before: NDArray[np.uint8], R_C1C0: Float) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+        """Return the picture before as a pinhole turned by ``R_C1C0`` sees it, and where its features are there.
+
+        A small roll is let be, for interpolation has errors of its own. Distortion is left as it is: what matters is
+        that windows look alike.
+        """
+        if abs(float(R_C1C0[1, 0])) < LEAST_ROLL:
+            return before, self._px
+        H = self._camera.K @ R_C1C0 @ np.linalg.inv(self._camera.K)
+        size = (self._camera.width_px, self._camera.height_px)
+        picture = cv2.warpPerspective(before, H, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        moved = np.hstack([self._px, np.ones((len(self._px), 1))]) @ H.T
+        return np.asarray(picture, np.uint8), (moved[:, :2] / moved[:, 2:]).astype(np.float32)
+
+    def _predict(self, T_C1C0: Float) -> NDArray[np.float32]:
+        """Return where the motion takes the features, far ones where their depth is unknown.
+
+        Those that it takes behind the camera or out of the picture stay.
+        """
+        rays = np.column_stack([self._camera.normalise(self._px), np.ones(len(self._px))]) @ T_C1C0[:3, :3].T
+        known = self._depth_m > 0.0
+        rays[known] += T_C1C0[:3, 3] / self._depth_m[known, None]
+        out = self._px.copy()
         ahead = rays[:, 2] > 0.1
-        out = px.copy()
         out[ahead] = self._camera.project(rays[ahead]).astype(np.float32)
-        return out
+        return np.where(self._inside(out)[:, None], out, self._px)
 
     def _inside(self, px: NDArray[np.float32]) -> NDArray[np.bool_]:
         limit = np.array([self._camera.width_px - BORDER_PX, self._camera.height_px - BORDER_PX])
@@ -122,39 +163,41 @@ class Frontend:
         if n < MIN_FOR_RANSAC:
             return np.ones(n, bool), None
         turned = np.hstack([self._camera.normalise(px0), np.ones((n, 1))]) @ R_C1C0.T
-        seen = np.hstack([self._camera.normalise(px1), np.ones((n, 1))])
-        rest_px = np.linalg.norm(turned[:, :2] / turned[:, 2:] - seen[:, :2], axis=-1) * self._camera.focal_px
-        normals = np.cross(turned, seen)
-        pairs = np.stack([self._rng.integers(0, n, RANSAC_ROUNDS), self._rng.integers(0, n, RANSAC_ROUNDS)])
-        t = np.cross(normals[pairs[0]], normals[pairs[1]])
+        seen = self._camera.normalise(px1)
+        rest = turned[:, :2] / turned[:, 2:] - seen
+        rest_px = np.hypot(rest[:, 0], rest[:, 1]) * self._camera.focal_px
+        normals = _cross_with_picture(turned, seen)
+        first, second = self._rng.integers(0, n, RANSAC_ROUNDS), self._rng.integers(0, n, RANSAC_ROUNDS)
+        t = np.cross(normals[first], normals[second])
         length = np.linalg.norm(t, axis=-1)
         t = t[length > FROZEN_LEVEL] / length[length > FROZEN_LEVEL, None]
         if not len(t):
             return np.ones(n, bool), float(np.median(rest_px))
-        lines = np.cross(t[:, None, :], turned[None])
-        distance = np.abs(np.sum(lines * seen[None], axis=-1)) / np.maximum(
-            np.linalg.norm(lines[..., :2], axis=-1), 1e-9
-        )
-        inliers = distance * self._camera.focal_px < self._settings.ransac_threshold_px
+        # The line of x0 is t x (R x0): x1 lies on it where t . n is zero.
+        x, y, z = turned.T
+        steepness = np.hypot(np.outer(t[:, 1], z) - np.outer(t[:, 2], y), np.outer(t[:, 2], x) - np.outer(t[:, 0], z))
+        limit = self._settings.ransac_threshold_px / self._camera.focal_px
+        inliers = np.abs(t @ normals.T) < limit * np.maximum(steepness, 1e-9)
         # A feature that moved less than the threshold fits any direction.
         inliers |= rest_px < self._settings.ransac_threshold_px
         good = inliers[int(np.argmax(inliers.sum(axis=-1)))]
         return np.asarray(good), float(np.median(rest_px[good])) if good.any() else None
 
     def _detect(self, gray: NDArray[np.uint8]) -> None:
-        """Fill up to ``max_tracks`` with the strongest FAST corner of each empty cell of a grid."""
+        """Fill up to ``max_tracks`` with each empty cell's strongest FAST corner, when more than a few are missing."""
         missing = self._settings.max_tracks - len(self._px)
-        if missing <= 0:
+        if missing <= FEW_MISSING * self._settings.max_tracks:
             return
         cell = self._cell_px()
         taken = np.zeros((gray.shape[0] // cell + 1, gray.shape[1] // cell + 1), bool)
         columns, rows = (self._px / cell).astype(np.int64).T
         taken[rows, columns] = True
         corners = self._corners(gray, _free(taken, cell, gray.shape))
-        cells = (corners[:, :2] / cell).astype(np.int64)
         order = np.argsort(-corners[:, 2], kind="stable")
-        _, best = np.unique(cells[order, 1] * taken.shape[1] + cells[order, 0], return_index=True)
-        chosen = corners[order[np.sort(best)], :2]
+        corners = corners[order]
+        cells = (corners[:, :2] / cell).astype(np.int64)
+        _, best = np.unique(cells[:, 1] * taken.shape[1] + cells[:, 0], return_index=True)
+        chosen = corners[np.sort(best), :2]
         chosen = chosen[self._far_from_tracked(chosen)][:missing]
         self._px = np.vstack([self._px, chosen.astype(np.float32)])
         self._ids = np.concatenate([self._ids, np.arange(self._next_id, self._next_id + len(chosen))])
@@ -167,17 +210,28 @@ class Frontend:
 
     def _corners(self, gray: NDArray[np.uint8], mask: NDArray[np.uint8]) -> Float:
         """Return FAST corners (x, y, response), with a lower threshold where the picture gives few."""
-        for threshold in (self._settings.fast_threshold, max(2, self._settings.fast_threshold // 2)):
-            found = cv2.FastFeatureDetector.create(threshold=threshold).detect(gray, mask)
-            if len(found) >= ENOUGH_CORNERS * (self._settings.max_tracks - len(self._px)):
-                break
-        return np.array([(*k.pt, k.response) for k in found], dtype=np.float64).reshape(-1, 3)
+        usual = self._settings.fast_threshold
+        enough = ENOUGH_CORNERS * (self._settings.max_tracks - len(self._px))
+        found = cv2.FastFeatureDetector.create(threshold=usual).detect(gray, mask)
+        if len(found) < enough:
+            found = cv2.FastFeatureDetector.create(threshold=max(2, usual // 2)).detect(gray, mask)
+        px = cv2.KeyPoint.convert(found)
+        response = np.fromiter((k.response for k in found), np.float64, len(found))
+        return np.column_stack([np.asarray(px, dtype=np.float64).reshape(-1, 2), response])
 
     def _far_from_tracked(self, px: Float) -> NDArray[np.bool_]:
         if not len(self._px) or not len(px):
             return np.ones(len(px), bool)
-        gap = np.linalg.norm(px[:, None] - self._px[None], axis=-1).min(axis=1)
-        return np.asarray(gap >= 0.5 * self._settings.min_distance_px)
+        tracked = self._px.astype(np.float64)
+        dx, dy = px[:, None, 0] - tracked[:, 0], px[:, None, 1] - tracked[:, 1]
+        return np.asarray((dx * dx + dy * dy).min(axis=1) >= (0.5 * self._settings.min_distance_px) ** 2)
+
+
+def _cross_with_picture(a: Float, xy: Float) -> Float:
+    """Return a x (x, y, 1) of rows (N, 3) and (N, 2)."""
+    ax, ay, az = a.T
+    x, y = xy.T
+    return np.column_stack([ay - az * y, az * x - ax, ax * y - ay * x])
 
 
 def _free(taken: NDArray[np.bool_], cell: int, shape: tuple[int, ...]) -> NDArray[np.uint8]:
@@ -196,9 +250,13 @@ def sample_depth(depth_m: NDArray[np.float32] | None, px: NDArray[np.float32]) -
     u, v = np.rint(px[:, 0]).astype(np.int64), np.rint(px[:, 1]).astype(np.int64)
     du, dv = np.meshgrid([-1, 0, 1], [-1, 0, 1])
     height, width = depth_m.shape
-    around = depth_m[
-        np.clip(v[:, None] + dv.ravel(), 0, height - 1), np.clip(u[:, None] + du.ravel(), 0, width - 1)
-    ].astype(np.float64)
+    around = np.nan_to_num(
+        depth_m[np.clip(v[:, None] + dv.ravel(), 0, height - 1), np.clip(u[:, None] + du.ravel(), 0, width - 1)].astype(
+            np.float64
+        ),
+        posinf=0.0,
+        neginf=0.0,
+    )
     middle = np.median(around, axis=-1)
     # The allowance grows like the noise of a depth camera does.
     allowance = EDGE_PER_M * middle + EDGE_PER_M2 * middle**2

@@ -4,50 +4,76 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from snakeslam.estimation.gating import Agreement
 from snakeslam.estimation.settings import HealthSettings
 from snakeslam.messages import Float, Health, Verdict
+
+ENOUGH_TRIED = 5
 
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """What one frame showed: features in use and rejected, the velocity's covariance (3, 3), faults of the inputs."""
+    """What one frame showed: features followed into it and rejected, how measurements agree, faults of the inputs.
 
-    used: int
+    ``cov_v`` (3, 3) is the velocity's covariance, ``blind_s`` the time since a frame last supported the state,
+    ``resting`` that picture and IMU both say that nothing moves.
+    """
+
+    followed: int
     rejected: int
+    agreement: Agreement
     cov_v: Float
     blind_s: float
     frozen: bool
+    resting: bool
     imu_gap_s: float
     bad_samples: int
+
+
+def supports(evidence: Evidence, settings: HealthSettings) -> bool:
+    """Return whether a frame holds the state: enough is followed, and not all of it contradicts."""
+    agreement = evidence.agreement
+    contradicts = agreement.tried >= ENOUGH_TRIED and agreement.accepted < settings.min_features
+    seen = evidence.followed >= settings.min_features and not evidence.frozen and not contradicts
+    return seen or evidence.resting
 
 
 def judge(evidence: Evidence, settings: HealthSettings) -> Health:
     """Return the verdict of a frame.
 
     BLIND while the camera supports nothing, LOST when that has lasted too long or the velocity's sigma is too large,
-    DEGRADED with few features, many rejections or faults of the input.
+    DEGRADED with few features, many rejections, innovations beyond what is foreseen or faults of the input.
     """
-    sigma_v_m_s = float(np.sqrt(max(np.linalg.eigvalsh(evidence.cov_v)[-1], 0.0)))
-    reasons = _reasons(evidence, settings)
+    reasons, followed = _reasons(evidence, settings), evidence.followed
+    finite = bool(np.all(np.isfinite(evidence.cov_v)))
+    sigma_v_m_s = float(np.sqrt(max(np.linalg.eigvalsh(evidence.cov_v)[-1], 0.0))) if finite else np.inf
     if evidence.blind_s > settings.max_blind_s:
-        return Health(Verdict.LOST, (*reasons, f"nothing seen for {evidence.blind_s:.1f} s"), evidence.used)
-    if not np.isfinite(sigma_v_m_s) or sigma_v_m_s > settings.max_sigma_v_m_s:
-        return Health(Verdict.LOST, (*reasons, f"velocity uncertain to {sigma_v_m_s:.2f} m/s"), evidence.used)
-    if evidence.used < settings.min_features or evidence.frozen:
-        return Health(Verdict.BLIND, reasons, evidence.used)
-    return Health(Verdict.DEGRADED if reasons else Verdict.GOOD, reasons, evidence.used)
+        return Health(Verdict.LOST, (*reasons, f"nothing seen for {evidence.blind_s:.1f} s"), followed)
+    if sigma_v_m_s > settings.max_sigma_v_m_s:
+        return Health(Verdict.LOST, (*reasons, f"velocity uncertain to {sigma_v_m_s:.2f} m/s"), followed)
+    if not supports(evidence, settings):
+        return Health(Verdict.BLIND, reasons, followed)
+    return Health(Verdict.DEGRADED if reasons else Verdict.GOOD, reasons, followed)
 
 
 def _reasons(evidence: Evidence, settings: HealthSettings) -> tuple[str, ...]:
-    reasons: list[str] = []
-    if evidence.frozen:
-        reasons.append("the picture does not change")
-    if evidence.used < settings.few_features:
-        reasons.append(f"few features: {evidence.used}")
-    if evidence.rejected > max(settings.few_features, evidence.used):
-        reasons.append(f"features disagree: {evidence.rejected} rejected")
-    if evidence.imu_gap_s > settings.max_imu_gap_s:
-        reasons.append(f"IMU silent for {evidence.imu_gap_s * 1e3:.0f} ms")
-    if evidence.bad_samples:
-        reasons.append(f"{evidence.bad_samples} IMU samples were not numbers")
-    return tuple(reasons)
+    agreement = evidence.agreement
+    said = (
+        (evidence.frozen, "the picture does not change"),
+        (evidence.followed < settings.few_features, f"few features: {evidence.followed}"),
+        (
+            evidence.rejected > max(settings.few_features, evidence.followed),
+            f"features disagree: {evidence.rejected} rejected",
+        ),
+        (
+            agreement.tried >= ENOUGH_TRIED and 2 * agreement.accepted < agreement.tried,
+            f"measurements disagree with the motion: {agreement.tried - agreement.accepted} of {agreement.tried}",
+        ),
+        (
+            agreement.tried >= ENOUGH_TRIED and agreement.ratio > settings.max_innovation,
+            f"innovations {agreement.ratio:.1f} times what is foreseen",
+        ),
+        (evidence.imu_gap_s > settings.max_imu_gap_s, f"IMU silent for {evidence.imu_gap_s * 1e3:.0f} ms"),
+        (evidence.bad_samples > 0, f"{evidence.bad_samples} IMU samples were late, not numbers or not possible"),
+    )
+    return tuple(words for holds, words in said if holds)

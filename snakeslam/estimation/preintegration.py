@@ -5,6 +5,7 @@ the pose or velocity there: alpha (position), beta (velocity) and gamma (rotatio
 quaternion gamma is a rotation matrix here; its errors are right perturbations.
 """
 
+from bisect import bisect_right
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -16,6 +17,8 @@ from snakeslam.messages import Float, ImuSample
 
 ALPHA, BETA, GAMMA, BIAS_G, BIAS_A = (slice(3 * k, 3 * k + 3) for k in range(5))
 SIZE = 15
+MAX_RATE_RAD_S, MAX_ACCEL_M_S2 = 100.0, 500.0
+"""What no IMU measures on anything that crawls."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,53 +87,69 @@ def preintegrate(segments: ImuSegments, bias_g: Float, bias_a: Float, noise: Imu
 
     Each span turns by Exp(w dt), Eq. (23)-(24) for a constant rate; its force acts at the rotation of its middle.
     """
-    w = segments.gyro_I - bias_g
+    dt = segments.dt_s
+    turns = (segments.gyro_I - bias_g) * dt[:, None]
     a = segments.accel_I - bias_a
-    steps = so3.exp(w * segments.dt_s[:, None])
-    halves = so3.exp(w * (0.5 * segments.dt_s[:, None]))
-    jacobians = so3.right_jacobian(w * segments.dt_s[:, None])
-    alpha, beta, gamma = np.zeros(3), np.zeros(3), np.eye(3)
-    J_total, cov = np.eye(SIZE), np.zeros((SIZE, SIZE))
-    for k, dt in enumerate(segments.dt_s.tolist()):
-        middle = gamma @ halves[k]
-        force = middle @ a[k]
-        F = _transition(middle, gamma @ so3.hat(halves[k] @ a[k]), steps[k], jacobians[k], dt)
-        cov = F @ cov @ F.T + _noise(dt, noise)
-        J_total = F @ J_total
-        alpha = alpha + beta * dt + 0.5 * force * dt**2
-        beta = beta + force * dt
-        gamma = gamma @ steps[k]
-    total = float(segments.dt_s.sum())
-    return Preintegrated(total, alpha, beta, gamma, J_total[:, BIAS_G.start :], cov, bias_g.copy(), bias_a.copy())
+    steps = so3.exp(np.concatenate([turns, 0.5 * turns]))
+    halves = steps[len(dt) :]
+    R = _running_product(steps[: len(dt)])
+    middle = R[:-1] @ halves
+    force = (middle @ a[..., None])[..., 0]
+    beta = np.concatenate([np.zeros((1, 3)), np.cumsum(force * dt[:, None], axis=0)])
+    alpha = np.sum(beta[:-1] * dt[:, None] + 0.5 * force * dt[:, None] ** 2, axis=0)
+    r_force_theta = R[:-1] @ so3.hat((halves @ a[..., None])[..., 0])
+    F = _transitions(middle, r_force_theta, steps[: len(dt)], so3.right_jacobian(turns), dt)
+    Q = _noise(dt, noise)
+    J, cov = np.eye(SIZE), np.zeros((SIZE, SIZE))
+    for F_k, Q_k in zip(F, Q, strict=True):
+        cov = F_k @ cov @ F_k.T + Q_k
+        J = F_k @ J
+    return Preintegrated(
+        float(dt.sum()), alpha, beta[-1], R[-1], J[:, BIAS_G.start :], cov, bias_g.copy(), bias_a.copy()
+    )
 
 
-def _transition(middle: Float, r_force_theta: Float, step: Float, jacobian: Float, dt: float) -> Float:
-    """Return the error transition of one span, (15, 15), first order in dt for the biases' part in the force."""
-    F = np.eye(SIZE)
-    F[ALPHA, BETA] = np.eye(3) * dt
-    F[ALPHA, GAMMA] = -0.5 * dt**2 * r_force_theta
-    F[BETA, GAMMA] = -dt * r_force_theta
-    F[GAMMA, GAMMA] = step.T
-    F[ALPHA, BIAS_A] = -0.5 * dt**2 * middle
-    F[BETA, BIAS_A] = -dt * middle
-    F[ALPHA, BIAS_G] = 0.25 * dt**3 * r_force_theta
-    F[BETA, BIAS_G] = 0.5 * dt**2 * r_force_theta
-    F[GAMMA, BIAS_G] = -jacobian * dt
+def _running_product(steps: Float) -> Float:
+    """Return I, R_1, R_1 R_2, ... of turns (n, 3, 3), (n + 1, 3, 3)."""
+    R = np.empty((len(steps) + 1, 3, 3))
+    R[0] = np.eye(3)
+    for k, step in enumerate(steps):
+        np.matmul(R[k], step, out=R[k + 1])
+    return R
+
+
+def _transitions(middle: Float, r_force_theta: Float, steps: Float, jacobians: Float, dt_s: Float) -> Float:
+    """Return the error transition of each span, (n, 15, 15), first order in dt for the biases' part in the force."""
+    n, dt = len(dt_s), dt_s[:, None, None]
+    F = np.tile(np.eye(SIZE), (n, 1, 1))
+    F[:, ALPHA, BETA] = np.eye(3) * dt
+    F[:, ALPHA, GAMMA] = -0.5 * dt**2 * r_force_theta
+    F[:, BETA, GAMMA] = -dt * r_force_theta
+    F[:, GAMMA, GAMMA] = np.swapaxes(steps, 1, 2)
+    F[:, ALPHA, BIAS_A] = -0.5 * dt**2 * middle
+    F[:, BETA, BIAS_A] = -dt * middle
+    F[:, ALPHA, BIAS_G] = 0.25 * dt**3 * r_force_theta
+    F[:, BETA, BIAS_G] = 0.5 * dt**2 * r_force_theta
+    F[:, GAMMA, BIAS_G] = -jacobians * dt
     return F
 
 
-def _noise(dt: float, noise: ImuCalibration) -> Float:
-    """Return the covariance that one span adds, (15, 15)."""
-    Q = np.zeros((SIZE, SIZE))
-    eye = np.eye(3)
+def _noise(dt_s: Float, noise: ImuCalibration) -> Float:
+    """Return the covariance that each span adds, (n, 15, 15)."""
+    dt, eye = dt_s[:, None, None], np.eye(3)
+    Q = np.zeros((len(dt_s), SIZE, SIZE))
     force = noise.accelerometer_noise_density**2 * dt
-    Q[ALPHA, ALPHA] = eye * (force * dt**2 / 4.0)
-    Q[ALPHA, BETA] = Q[BETA, ALPHA] = eye * (force * dt / 2.0)
-    Q[BETA, BETA] = eye * force
-    Q[GAMMA, GAMMA] = eye * (noise.gyroscope_noise_density**2 * dt)
-    Q[BIAS_G, BIAS_G] = eye * (noise.gyroscope_random_walk**2 * dt)
-    Q[BIAS_A, BIAS_A] = eye * (noise.accelerometer_random_walk**2 * dt)
+    Q[:, ALPHA, ALPHA] = eye * (force * dt**2 / 4.0)
+    Q[:, ALPHA, BETA] = Q[:, BETA, ALPHA] = eye * (force * dt / 2.0)
+    Q[:, BETA, BETA] = eye * force
+    Q[:, GAMMA, GAMMA] = eye * (noise.gyroscope_noise_density**2 * dt)
+    Q[:, BIAS_G, BIAS_G] = eye * (noise.gyroscope_random_walk**2 * dt)
+    Q[:, BIAS_A, BIAS_A] = eye * (noise.accelerometer_random_walk**2 * dt)
     return Q
+
+
+def _time(sample: ImuSample) -> int:
+    return sample.t_ns
 
 
 class ImuBuffer:
@@ -139,15 +158,41 @@ class ImuBuffer:
     def __init__(self, calibration: ImuCalibration) -> None:
         self._means = calibration.sample_kind == "mean"
         self._samples: list[ImuSample] = []
+        self._last_ns: int | None = None
+        self._bad = 0
 
     def add(self, sample: ImuSample) -> None:
-        """Take the next sample."""
+        """Take the next sample; one that is late or not possible is only counted."""
+        late = self._last_ns is not None and sample.t_ns <= self._last_ns
+        size = np.abs(np.concatenate([sample.gyro_I / MAX_RATE_RAD_S, sample.accel_I / MAX_ACCEL_M_S2]))
+        if late or not np.all(size < 1.0):
+            self._bad += 1
+            return
+        self._last_ns = sample.t_ns
         self._samples.append(sample)
+
+    def take_bad_count(self) -> int:
+        """Return how many samples were refused since the last call."""
+        bad, self._bad = self._bad, 0
+        return bad
 
     def forget_before(self, t_ns: int) -> None:
         """Drop what no span after ``t_ns`` needs."""
-        keep = next((k for k, s in enumerate(self._samples) if s.t_ns > t_ns), len(self._samples))
+        keep = bisect_right(self._samples, t_ns, key=_time)
         del self._samples[: max(0, keep - 1)]
+
+    def clear(self) -> None:
+        """Forget all, the time of the last sample too."""
+        self._samples.clear()
+        self._last_ns = None
+
+    def ahead_s(self, t_ns: int) -> float:
+        """Return how long before ``t_ns`` the last sample was, 0 without any."""
+        return 0.0 if self._last_ns is None else max(0.0, (t_ns - self._last_ns) / 1e9)
+
+    def recent(self, t_ns: int) -> list[ImuSample]:
+        """Return the samples after ``t_ns``."""
+        return self._samples[bisect_right(self._samples, t_ns, key=_time) :]
 
     @property
     def samples(self) -> tuple[ImuSample, ...]:
@@ -156,17 +201,20 @@ class ImuBuffer:
 
     def longest_gap_s(self, start_ns: int, end_ns: int) -> float:
         """Return the longest time without a sample up to ``end_ns``, counted from the last one before ``start_ns``."""
-        begin_ns = max((s.t_ns for s in self._samples if s.t_ns <= start_ns), default=start_ns)
-        times = [begin_ns, *(s.t_ns for s in self._samples if start_ns < s.t_ns < end_ns), end_ns]
+        first = bisect_right(self._samples, start_ns, key=_time)
+        begin_ns = self._samples[first - 1].t_ns if first else start_ns
+        times = [begin_ns, *(s.t_ns for s in self._samples[first:] if s.t_ns < end_ns), end_ns]
         return max(b - a for a, b in pairwise(times)) / 1e9
 
     def segments(self, start_ns: int, end_ns: int) -> ImuSegments | None:
         """Return the spans between two times; the nearest sample serves where there is none. None if empty."""
         if not self._samples or end_ns <= start_ns:
             return None
-        t = np.array([s.t_ns for s in self._samples], dtype=np.int64)
+        first = max(0, bisect_right(self._samples, start_ns, key=_time) - 1)
+        near = self._samples[first : bisect_right(self._samples, end_ns, key=_time) + 1]
+        t = np.array([s.t_ns for s in near], dtype=np.int64)
         cuts = np.unique(np.concatenate([[start_ns, end_ns], t[(t > start_ns) & (t < end_ns)]]))
-        values = np.array([np.concatenate([s.gyro_I, s.accel_I]) for s in self._samples])
+        values = np.concatenate([[s.gyro_I for s in near], [s.accel_I for s in near]], axis=1)
         if self._means:
             span = values[np.minimum(np.searchsorted(t, cuts[1:]), len(t) - 1)]
         else:

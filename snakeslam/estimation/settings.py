@@ -19,8 +19,8 @@ class FrontendSettings(Settings):
     min_distance_px: Annotated[float, Field(ge=4)] = 20.0
     fast_threshold: Annotated[int, Field(ge=2, le=100)] = 12
     """FAST contrast threshold in grey levels; lowered by itself where the picture is poor."""
-    klt_window_px: Annotated[int, Field(ge=5, le=61)] = 15
-    klt_levels: Annotated[int, Field(ge=0, le=6)] = 3
+    klt_window_px: Annotated[int, Field(ge=5, le=61)] = 13
+    klt_levels: Annotated[int, Field(ge=0, le=6)] = 2
     ransac_threshold_px: Positive = 1.5
 
 
@@ -28,6 +28,8 @@ class NoiseSettings(Settings):
     """Measurement noise, one sigma; IMU noise comes from the calibration and is scaled here."""
 
     pixel_px: Positive = 1.0
+    track_drift_px: Annotated[float, Field(ge=0)] = 0.1
+    """How far a followed feature wanders over the surface from one frame to the next."""
     depth_offset_m: Positive = 0.004
     """a in sigma_z = a + b z^2."""
     depth_square_per_m: Positive = 0.004
@@ -43,7 +45,7 @@ class HealthSettings(Settings):
     """When the estimator says that it is in trouble."""
 
     few_features: Annotated[int, Field(ge=4)] = 15
-    """Fewer features in use than this degrade the verdict."""
+    """Fewer features followed than this degrade the verdict."""
     min_features: Annotated[int, Field(ge=1)] = 5
     """With fewer, the frame counts as blind."""
     max_blind_s: Positive = 3.0
@@ -51,6 +53,9 @@ class HealthSettings(Settings):
     max_sigma_v_m_s: Positive = 0.6
     """With a larger velocity sigma the estimator starts anew."""
     max_imu_gap_s: Positive = 0.05
+    """A longer time without an IMU sample degrades the verdict."""
+    max_innovation: Positive = 3.0
+    """Squared innovations larger than this, as a multiple of what is foreseen (their median), degrade the verdict."""
 
 
 class WindowSettings(Settings):
@@ -59,7 +64,7 @@ class WindowSettings(Settings):
     clones: Annotated[int, Field(ge=4, le=30)] = 11
     keyframe_disparity_px: Positive = 12.0
     """A frame whose features moved less than this since the clone before it leaves the window first."""
-    max_landmarks: Annotated[int, Field(ge=0, le=200)] = 40
+    max_landmarks: Annotated[int, Field(ge=0, le=200)] = 30
 
 
 class EstimatorSettings(Settings):

@@ -17,35 +17,73 @@ from snakeslam.messages import Float
 
 THETA, P, V, BIAS_G, BIAS_A = (slice(3 * k, 3 * k + 3) for k in range(5))
 BIASES = slice(BIAS_G.start, BIAS_A.stop)
+POSE = slice(THETA.start, P.stop)
 CORE = 15
 CLONE = 6
 LANDMARK = 3
+UP = np.array([0.0, 0.0, 1.0])
+# Rows of the summed error (alpha, beta, theta, biases) in the order of the state (theta, p, v, biases).
+SUMS = np.r_[GAMMA_ROWS, ALPHA, BETA, BIASES]
 
 
 @dataclass(slots=True)
-class Clone:
-    """The IMU's pose at the time of one frame."""
+class Clones:
+    """The IMU's poses at the times of the window's frames, oldest first, with their first estimates; n of them."""
 
-    t_ns: int
-    R_WI: Float
-    p_WI: Float
-    R_fej: Float
-    p_fej: Float
+    t_ns: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
+    R_WI: Float = field(default_factory=lambda: np.empty((0, 3, 3)))
+    p_WI: Float = field(default_factory=lambda: np.empty((0, 3)))
+    R_fej: Float = field(default_factory=lambda: np.empty((0, 3, 3)))
+    p_fej: Float = field(default_factory=lambda: np.empty((0, 3)))
+
+    def __len__(self) -> int:
+        return len(self.t_ns)
+
+    def append(self, t_ns: int, R_WI: Float, p_WI: Float, R_fej: Float, p_fej: Float) -> None:
+        """Add the newest."""
+        self.t_ns = np.append(self.t_ns, np.int64(t_ns))
+        self.R_WI, self.R_fej = np.concatenate([self.R_WI, R_WI[None]]), np.concatenate([self.R_fej, R_fej[None]])
+        self.p_WI, self.p_fej = np.concatenate([self.p_WI, p_WI[None]]), np.concatenate([self.p_fej, p_fej[None]])
+
+    def delete(self, k: int) -> None:
+        """Remove one."""
+        self.t_ns = np.delete(self.t_ns, k)
+        self.R_WI, self.R_fej = np.delete(self.R_WI, k, axis=0), np.delete(self.R_fej, k, axis=0)
+        self.p_WI, self.p_fej = np.delete(self.p_WI, k, axis=0), np.delete(self.p_fej, k, axis=0)
 
 
 @dataclass(slots=True)
-class Landmark:
-    """A point in W that stays in the state as long as its track lasts."""
+class Landmarks:
+    """Points in W that stay in the state as long as their tracks last: ``p_W`` (L, 3) with first estimates."""
 
-    track_id: int
-    p_W: Float
-    p_fej: Float
-    rejections: int = 0
+    ids: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
+    p_W: Float = field(default_factory=lambda: np.empty((0, 3)))
+    p_fej: Float = field(default_factory=lambda: np.empty((0, 3)))
+    rejections: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
+    """How often in a row each has failed the gate."""
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    def append(self, ids: NDArray[np.int64], p_W: Float) -> None:
+        """Add points (k, 3) whose first estimates are their present ones."""
+        self.ids = np.concatenate([self.ids, ids])
+        self.p_W, self.p_fej = np.concatenate([self.p_W, p_W]), np.concatenate([self.p_fej, p_W])
+        self.rejections = np.concatenate([self.rejections, np.zeros(len(ids), np.int64)])
+
+    def keep(self, kept: NDArray[np.bool_]) -> None:
+        """Remove the others."""
+        self.ids, self.rejections = self.ids[kept], self.rejections[kept]
+        self.p_W, self.p_fej = self.p_W[kept], self.p_fej[kept]
+
+
+Nominal = tuple[Float, Float, Float, Float, Float, Float, Float, Float]
+"""R_WI, p_WI, v_W, biases, then R_WI and p_WI of the clones, p_W of the landmarks; never written into."""
 
 
 @dataclass(slots=True)
 class State:
-    """Nominal state, first estimates and covariance; the only writer of ``cov`` is this class."""
+    """Nominal state, first estimates and covariance."""
 
     t_ns: int
     R_WI: Float
@@ -54,8 +92,8 @@ class State:
     bias_g: Float
     bias_a: Float
     cov: Float
-    clones: list[Clone] = field(default_factory=list[Clone])
-    landmarks: list[Landmark] = field(default_factory=list[Landmark])
+    clones: Clones = field(default_factory=Clones)
+    landmarks: Landmarks = field(default_factory=Landmarks)
     R_fej: Float = field(init=False)
     p_fej: Float = field(init=False)
     v_fej: Float = field(init=False)
@@ -77,13 +115,19 @@ class State:
         """Return where the error of clone ``k`` stands."""
         return slice(CORE + CLONE * k, CORE + CLONE * (k + 1))
 
-    def landmark_slice(self, k: int) -> slice:
-        """Return where the error of landmark ``k`` stands."""
-        start = CORE + CLONE * len(self.clones) + LANDMARK * k
-        return slice(start, start + LANDMARK)
+    @property
+    def window(self) -> slice:
+        """Where the errors of all clones stand."""
+        return slice(CORE, CORE + CLONE * len(self.clones))
+
+    def landmark_rows(self, index: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return where the errors of landmarks ``index`` (L,) stand, (L, 3)."""
+        return self.window.stop + LANDMARK * index[:, None] + np.arange(LANDMARK)
 
     def _fix_first_estimate(self) -> None:
-        self.R_fej, self.p_fej, self.v_fej = self.R_WI.copy(), self.p_WI.copy(), self.v_W.copy()
+        self.R_fej, self.p_fej, self.v_fej = self.R_WI, self.p_WI, self.v_W
+
+    # -- Time ---------------------------------------------------------------------------------------------------------
 
     def propagate(self, pre: Preintegrated, t_ns: int, gravity_W: Float) -> None:
         """Move the IMU state by a pre-integrated measurement; the covariance follows with first-estimate Jacobians."""
@@ -107,88 +151,120 @@ class State:
         Phi[THETA, BIASES] = pre.J[GAMMA_ROWS]
         Phi[P, BIASES] = R @ pre.J[ALPHA]
         Phi[V, BIASES] = R @ pre.J[BETA]
-        # Rows of the summed error (alpha, beta, theta, biases) to those of the state (theta, p, v, biases).
-        G = np.zeros((CORE, CORE))
-        G[THETA, GAMMA_ROWS] = np.eye(3)
-        G[P, ALPHA] = G[V, BETA] = R
-        G[BIASES, BIASES] = np.eye(6)
+        turn = np.eye(CORE)
+        turn[P, P] = turn[V, V] = R
         cov = self.cov
         cov[:CORE] = Phi @ cov[:CORE]
         cov[:, :CORE] = cov[:, :CORE] @ Phi.T
-        cov[:CORE, :CORE] += G @ pre.cov @ G.T
-        self._symmetrise()
+        cov[:CORE, :CORE] += turn @ pre.cov[np.ix_(SUMS, SUMS)] @ turn.T
+        cov[:CORE, :CORE] = 0.5 * (cov[:CORE, :CORE] + cov[:CORE, :CORE].T)
 
     def widen(self, rows: slice, variance: float) -> None:
         """Add variance to a part of the IMU's error, for what the model leaves out."""
         self.cov[rows, rows] += np.eye(rows.stop - rows.start) * variance
 
-    def turn_world(self, R: Float, p_W: Float) -> None:
-        """Express a fresh state (no clones yet) in a world turned by ``R`` about z and moved by ``p_W``."""
-        self.R_WI, self.p_WI, self.v_W = R @ self.R_WI, R @ self.p_WI + p_W, R @ self.v_W
-        turn = np.eye(CORE)
-        turn[P, P] = turn[V, V] = R
-        self.cov = turn @ self.cov @ turn.T
-        self._fix_first_estimate()
+    def widen_landmarks(self, variance: Float) -> None:
+        """Add the same variance to all axes of each landmark, (L,) m^2: its track wanders over the surface."""
+        rows = np.arange(self.window.stop, self.size)
+        self.cov[rows, rows] += np.repeat(variance, LANDMARK)
+
+    def make_origin(self, yaw_rad: float, p_W: Float) -> None:
+        """Define W by the present pose, at ``yaw_rad`` and ``p_W``: both become exact, all errors relative to them.
+
+        With the yaw's error s = e_z^T R_WI theta: theta_i <- theta_i - R_i^T e_z s, p_i <- p_i - p - e_z x (p_i - p) s,
+        v <- v - e_z x v s; then all is turned about z.
+        """
+        A = np.eye(self.size)
+        r_yaw_x = np.zeros(self.size)
+        r_yaw_x[THETA] = UP @ self.R_WI
+        for at, R_i in ((THETA.start, self.R_WI), *self._clone_rotations()):
+            A[at : at + 3] -= np.outer(R_i.T @ UP, r_yaw_x)
+        R = so3.from_yaw(yaw_rad - float(so3.yaw(self.R_WI)))
+        for at, vector, is_point in self._vectors():
+            A[at : at + 3] -= np.outer(np.cross(UP, vector - is_point * self.p_WI), r_yaw_x)
+            A[at : at + 3, P] -= is_point * np.eye(3)
+            A[at : at + 3] = R @ A[at : at + 3]
+        self.cov = A @ self.cov @ A.T
+        self._move(R, p_W - R @ self.p_WI)
+
+    def _clone_rotations(self) -> list[tuple[int, Float]]:
+        return [(self.clone_slice(k).start, R) for k, R in enumerate(self.clones.R_WI)]
+
+    def _vectors(self) -> list[tuple[int, Float, float]]:
+        """Return where the error of each vector in W starts, its value, and 1 for a point, 0 for a free vector."""
+        clones = [(self.clone_slice(k).start + 3, p_WI, 1.0) for k, p_WI in enumerate(self.clones.p_WI)]
+        points = [(self.window.stop + LANDMARK * k, p_W, 1.0) for k, p_W in enumerate(self.landmarks.p_W)]
+        return [(P.start, self.p_WI, 1.0), (V.start, self.v_W, 0.0), *clones, *points]
+
+    def _move(self, R: Float, t: Float) -> None:
+        """Move all values, x <- R x + t."""
+        clones, landmarks = self.clones, self.landmarks
+        self.R_WI, self.p_WI, self.v_W = R @ self.R_WI, R @ self.p_WI + t, R @ self.v_W
+        self.R_fej, self.p_fej, self.v_fej = R @ self.R_fej, R @ self.p_fej + t, R @ self.v_fej
+        clones.R_WI, clones.R_fej = R @ clones.R_WI, R @ clones.R_fej
+        clones.p_WI, clones.p_fej = clones.p_WI @ R.T + t, clones.p_fej @ R.T + t
+        landmarks.p_W, landmarks.p_fej = landmarks.p_W @ R.T + t, landmarks.p_fej @ R.T + t
+
+    # -- Parts --------------------------------------------------------------------------------------------------------
 
     def add_clone(self) -> None:
         """Append the present pose to the window."""
-        at = CORE + CLONE * len(self.clones)
-        pose = np.r_[THETA, P]
-        order = np.r_[0:at, pose, at : self.size]
-        self.cov = self.cov[np.ix_(order, order)]
-        self.clones.append(Clone(self.t_ns, self.R_WI.copy(), self.p_WI.copy(), self.R_fej.copy(), self.p_fej.copy()))
+        at = self.window.stop
+        order = np.r_[0:at, POSE, at : self.size]
+        self.cov = self.cov[order[:, None], order]
+        self.clones.append(self.t_ns, self.R_WI, self.p_WI, self.R_fej, self.p_fej)
 
     def drop_clone(self, k: int) -> None:
         """Marginalise clone ``k``."""
-        self._delete(self.clone_slice(k))
-        del self.clones[k]
+        self._keep_rows(np.delete(np.arange(self.size), self.clone_slice(k)))
+        self.clones.delete(k)
 
-    def drop_landmarks(self, track_ids: set[int]) -> None:
-        """Marginalise the landmarks of these tracks."""
-        for k in reversed(range(len(self.landmarks))):
-            if self.landmarks[k].track_id in track_ids:
-                self._delete(self.landmark_slice(k))
-                del self.landmarks[k]
+    def keep_landmarks(self, kept: NDArray[np.bool_]) -> None:
+        """Marginalise the landmarks that are not ``kept`` (L,)."""
+        if kept.all():
+            return
+        self._keep_rows(np.concatenate([np.arange(self.window.stop), self.landmark_rows(np.flatnonzero(kept)).ravel()]))
+        self.landmarks.keep(kept)
 
-    def add_landmark(self, landmark: Landmark, r_f_x: Float, cov_ff: Float) -> None:
-        """Append a landmark whose error is ``r_f_x`` (3, size) times the state's plus noise of ``cov_ff`` (3, 3)."""
-        cross = r_f_x @ self.cov
-        corner = cross @ r_f_x.T + cov_ff
+    def add_landmarks(self, ids: NDArray[np.int64], p_W: Float, r_f_x: Float, cov_ff: Float) -> None:
+        """Append points (k, 3) whose errors are ``r_f_x`` (k, 3, size) times the state's plus noise of ``cov_ff``.
+
+        ``cov_ff`` (k, 3, 3) is the noise of each point, independent of the others'.
+        """
+        k = len(ids)
+        cross = r_f_x.reshape(k * LANDMARK, -1) @ self.cov
+        corner = cross @ r_f_x.reshape(k * LANDMARK, -1).T
+        for row in range(k):
+            own = slice(LANDMARK * row, LANDMARK * (row + 1))
+            corner[own, own] += cov_ff[row]
         self.cov = np.block([[self.cov, cross.T], [cross, 0.5 * (corner + corner.T)]])
-        self.landmarks.append(landmark)
+        self.landmarks.append(ids, p_W)
 
-    def _delete(self, rows: slice) -> None:
-        keep = np.r_[0 : rows.start, rows.stop : self.size]
-        self.cov = self.cov[np.ix_(keep, keep)]
+    def _keep_rows(self, kept: NDArray[np.int64]) -> None:
+        self.cov = self.cov[kept[:, None], kept]
+
+    # -- Correction ---------------------------------------------------------------------------------------------------
+
+    def nominal(self) -> Nominal:
+        """Return the nominal values, to go back to."""
+        clones = self.clones
+        core = (self.R_WI, self.p_WI, self.v_W, self.bias_g, self.bias_a)
+        return (*core, clones.R_WI, clones.p_WI, self.landmarks.p_W)
+
+    def restore(self, nominal: Nominal) -> None:
+        """Put nominal values back."""
+        self.R_WI, self.p_WI, self.v_W, self.bias_g, self.bias_a = nominal[:5]
+        self.clones.R_WI, self.clones.p_WI, self.landmarks.p_W = nominal[5:]
 
     def plus(self, dx: Float) -> None:
         """Add an error to every part, in place: X <- X [+] dx."""
-        self.R_WI = self.R_WI @ so3.exp(dx[THETA])
+        window = dx[self.window].reshape(-1, 2, 3)
+        turns = so3.exp(np.concatenate([dx[None, THETA], window[:, 0]]))
+        self.R_WI = self.R_WI @ turns[0]
         self.p_WI = self.p_WI + dx[P]
         self.v_W = self.v_W + dx[V]
         self.bias_g = self.bias_g + dx[BIAS_G]
         self.bias_a = self.bias_a + dx[BIAS_A]
-        if self.clones:
-            clone_dx = dx[CORE : CORE + CLONE * len(self.clones)].reshape(-1, 2, 3)
-            turns = so3.exp(clone_dx[:, 0])
-            for clone, turn, step in zip(self.clones, turns, clone_dx[:, 1], strict=True):
-                clone.R_WI = clone.R_WI @ turn
-                clone.p_WI = clone.p_WI + step
-        for k, landmark in enumerate(self.landmarks):
-            landmark.p_W = landmark.p_W + dx[self.landmark_slice(k)]
-
-    def reduce_covariance(self, rows: NDArray[np.int64], information: Float) -> None:
-        """Take up ``information`` L (m, m) on the error's ``rows`` (m,): P_m: <- (I + P_mm L)^-1 P_m:."""
-        others = np.setdiff1d(np.arange(self.size), rows)
-        before = self.cov[rows]
-        after = np.linalg.solve(np.eye(len(rows)) + before[:, rows] @ information, before)
-        cov = np.empty_like(self.cov)
-        cov[rows] = after
-        cov[np.ix_(others, rows)] = after[:, others].T
-        rest = self.cov[np.ix_(others, others)]
-        cov[np.ix_(others, others)] = rest - before[:, others].T @ (information @ after[:, others])
-        self.cov = cov
-        self._symmetrise()
-
-    def _symmetrise(self) -> None:
-        self.cov = 0.5 * (self.cov + self.cov.T)
+        self.clones.R_WI = self.clones.R_WI @ turns[1:]
+        self.clones.p_WI = self.clones.p_WI + window[:, 1]
+        self.landmarks.p_W = self.landmarks.p_W + dx[self.window.stop :].reshape(-1, LANDMARK)

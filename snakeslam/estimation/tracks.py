@@ -1,6 +1,4 @@
-"""What is known of each tracked feature: where it was seen, and how deep."""
-
-from dataclasses import dataclass, field
+"""What is known of each tracked feature: where it was seen from the window's clones, and how deep."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,65 +6,63 @@ from numpy.typing import NDArray
 from snakeslam.messages import Float
 
 
-@dataclass(slots=True)
-class Track:
-    """Observations of one feature in the window, oldest first: time, normalised (x, y), depth in m (0 = unknown)."""
-
-    track_id: int
-    t_ns: list[int] = field(default_factory=list[int])
-    xyz: list[tuple[float, float, float]] = field(default_factory=list[tuple[float, float, float]])
-    has_depth: bool = False
-    """Whether any observation has had a depth."""
-
-    @property
-    def length(self) -> int:
-        """Number of observations held."""
-        return len(self.t_ns)
-
-    def forget(self, t_ns: int) -> None:
-        """Drop the observation at a time, if there is one."""
-        if t_ns in self.t_ns:
-            k = self.t_ns.index(t_ns)
-            del self.t_ns[k], self.xyz[k]
+def among(ids: NDArray[np.int64], others: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return which of ``ids`` (N,) are in ``others`` (M,), which need no order; np.isin, but fast for few."""
+    if not len(others):
+        return np.zeros(len(ids), bool)
+    ordered = np.sort(others)
+    at = np.searchsorted(ordered, ids)
+    at[at == len(ordered)] = 0
+    return np.asarray(ordered[at] == ids)
 
 
-class TrackStore:
-    """The tracks by id."""
+class TrackTable:
+    """Observations of M tracks from the n clones of the window, as arrays whose columns are the clones.
+
+    ``ids`` (M,), ``xyz`` (M, n, 3) normalised (x, y) and depth in m (0 = unknown), ``seen`` (M, n).
+    """
+
+    ids: NDArray[np.int64]
+    xyz: Float
+    seen: NDArray[np.bool_]
 
     def __init__(self) -> None:
-        self._tracks: dict[int, Track] = {}
+        self.clear()
 
-    def observe(self, t_ns: int, ids: NDArray[np.int64], xy: Float, depth_m: Float) -> None:
-        """Add one frame's observations, all of the same length."""
-        for track_id, (x, y), z in zip(ids.tolist(), xy.tolist(), depth_m.tolist(), strict=True):
-            track = self._tracks.setdefault(track_id, Track(track_id))
-            track.t_ns.append(t_ns)
-            track.xyz.append((x, y, z))
-            track.has_depth |= z > 0.0
+    @property
+    def lengths(self) -> NDArray[np.int64]:
+        """Number of observations of each, (M,)."""
+        return np.asarray(self.seen.sum(axis=1))
 
-    def take_lost(self, alive: set[int]) -> list[Track]:
-        """Remove and return the tracks that are not among the living."""
-        gone = [track_id for track_id in self._tracks if track_id not in alive]
-        return [self._tracks.pop(track_id) for track_id in gone]
+    @property
+    def has_depth(self) -> NDArray[np.bool_]:
+        """Whether any observation of a track has a depth, (M,)."""
+        return np.asarray(np.any(self.xyz[..., 2] > 0.0, axis=1))
 
-    def drop(self, track_ids: set[int]) -> None:
-        """Remove tracks."""
-        for track_id in track_ids:
-            self._tracks.pop(track_id, None)
+    def observe(self, ids: NDArray[np.int64], xy: Float, depth_m: Float) -> None:
+        """Add the column of the newest clone; ids (k,) that are new become rows."""
+        known = among(ids, self.ids)
+        new = ids[~known]
+        m, n = self.seen.shape
+        xyz, seen = np.zeros((m + len(new), n + 1, 3)), np.zeros((m + len(new), n + 1), bool)
+        xyz[:m, :n], seen[:m, :n] = self.xyz, self.seen
+        self.ids = np.concatenate([self.ids, new])
+        order = np.argsort(self.ids, kind="stable")
+        rows = order[np.searchsorted(self.ids[order], ids)]
+        xyz[rows, n, :2], xyz[rows, n, 2], seen[rows, n] = xy, depth_m, True
+        self.xyz, self.seen = xyz, seen
 
-    def forget(self, t_ns: int) -> None:
-        """Drop all observations of a time that has left the window."""
-        for track in self._tracks.values():
-            track.forget(t_ns)
+    def forget_column(self, k: int) -> None:
+        """Drop the observations of clone ``k``, and the tracks that have no others."""
+        self.xyz, self.seen = np.delete(self.xyz, k, axis=1), np.delete(self.seen, k, axis=1)
+        self.keep(np.asarray(self.seen.any(axis=1)))
+
+    def keep(self, kept: NDArray[np.bool_]) -> None:
+        """Remove the tracks that are not ``kept`` (M,)."""
+        self.ids, self.xyz, self.seen = self.ids[kept], self.xyz[kept], self.seen[kept]
 
     def clear(self) -> None:
-        """Drop everything."""
-        self._tracks.clear()
-
-    def all(self) -> list[Track]:
-        """Return the tracks, oldest first."""
-        return list(self._tracks.values())
-
-    def get(self, track_id: int) -> Track | None:
-        """Return a track by id."""
-        return self._tracks.get(track_id)
+        """Drop everything, columns too."""
+        self.ids = np.empty(0, np.int64)
+        self.xyz = np.empty((0, 0, 3))
+        self.seen = np.empty((0, 0), bool)

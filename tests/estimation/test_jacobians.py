@@ -8,6 +8,7 @@ from snakeslam.estimation.measurements import CameraRows, Observations, Poses, j
 from snakeslam.estimation.preintegration import ImuSegments, preintegrate
 from snakeslam.estimation.settings import NoiseSettings
 from snakeslam.estimation.state import BIASES, CORE, State
+from snakeslam.estimation.stillness import AtRest, Rest
 from snakeslam.geometry import numeric, so3
 
 GRAVITY_W = np.array([0.0, 0.0, -9.81])
@@ -61,6 +62,29 @@ def test_propagation_of_the_error_state(rng: np.random.Generator) -> None:
     noise.cov = np.zeros((CORE, CORE))
     noise.propagate(pre, 50_000_000, GRAVITY_W)
     assert ahead.cov - noise.cov == pytest.approx(Phi @ Phi.T, abs=1e-6)
+
+
+def test_rows_at_rest(rng: np.random.Generator) -> None:
+    """Zero velocity and no motion between the last two clones."""
+
+    def state() -> State:
+        at = State(
+            0, so3.exp(np.array([0.3, -0.2, 1.0])), np.ones(3), np.zeros(3), np.zeros(3), np.zeros(3), np.eye(CORE)
+        )
+        at.add_clone()
+        at.add_clone()
+        return at
+
+    rows = AtRest.of(Rest(0, 0.4, 0.001), state(), True)
+
+    def rest(d: np.ndarray) -> np.ndarray:
+        moved = state()
+        moved.plus(d)
+        return -rows.residual(moved)
+
+    H = numeric.jacobian(rest, state().size)
+    assert rows.jacobian(state()) == pytest.approx(H, abs=1e-4)
+    assert np.linalg.matrix_rank(H) == 9
 
 
 def camera_rows() -> CameraRows:

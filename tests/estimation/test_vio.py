@@ -55,6 +55,18 @@ def test_still_head_does_not_drift() -> None:
     assert np.linalg.norm(e_p, axis=1).max() < 0.005
 
 
+@pytest.mark.parametrize("depth", [True, False], ids=["depth", "mono"])
+def test_nearly_still_head_holds_its_place(depth: bool) -> None:
+    """The first pose within 1 s, and at most 5 mm of drift in 5 s, without any parallax too."""
+    wall = Wall(still=True, tremor_m=0.0005, depth=depth)
+    estimates = run(wall, 6.0)
+    first = next(e for e in estimates if e.pose is not None)
+    assert first.t_ns <= 1_000_000_000
+    e_p, _, _ = errors(wall, estimates)
+    assert np.linalg.norm(e_p, axis=1).max() < 0.005
+    assert not any("reset" in e.events for e in estimates)
+
+
 def test_covariance_tells_the_error() -> None:
     """NEES of position and orientation (3 each when exact), wide bounds: a few seeds on a rendered scene."""
     nees_p, nees_r = [], []

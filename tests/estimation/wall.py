@@ -44,6 +44,8 @@ class Wall:
     seed: int = 0
     depth: bool = True
     still: bool = False
+    tremor_m: float = 0.0
+    """Amplitude of a hand's tremor at 3 Hz."""
     start_s: float = 0.0
     bias_g: tuple[float, float, float] = (0.01, -0.02, 0.015)
     bias_a: tuple[float, float, float] = (0.05, -0.03, 0.02)
@@ -54,6 +56,7 @@ class Wall:
         ease = t**3 / (t**3 + 0.1)
         p = ease * np.array([0.1 * np.sin(1.7 * t), 0.25 * np.sin(1.3 * t), 0.1 * np.sin(2.1 * t)])
         w = ease * np.array([0.1 * np.sin(1.1 * t), 0.08 * np.sin(1.9 * t), 0.15 * np.sin(0.9 * t)])
+        p = p + self.tremor_m * np.sin(6.0 * np.pi * t_s + np.array([0.0, 1.0, 2.0]))
         return se3.from_rt(so3.exp(w), p)
 
     def packets(self, duration_s: float) -> Iterator[Packet]:

@@ -1,0 +1,28 @@
+"""NEES of position and orientation over seeds on simulated measurements: 3 each when the covariance is right."""
+
+import sys
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from bench.simulated import SwingingHead, run
+
+SEEDS = 50
+DURATION_S = 10.0
+LOWEST, HIGHEST = 2.5, 3.5
+
+
+def main() -> None:
+    seeds = int(sys.argv[2]) if len(sys.argv) > 2 else SEEDS
+    takes = [run(SwingingHead(seed=seed, duration_s=DURATION_S)) for seed in range(seeds)]
+    table = Table("", "NEES", "standard error", "RMS error", "wanted", title=f"{seeds} seeds of {DURATION_S:g} s")
+    for name, nees, errors, unit, scale in (
+        ("position", [t.nees_p for t in takes], [t.e_p for t in takes], "mm", 1e3),
+        ("orientation", [t.nees_theta for t in takes], [t.e_theta for t in takes], "mrad", 1e3),
+    ):
+        means = np.array([n.mean() for n in nees])
+        rms = scale * np.sqrt(np.mean([np.sum(e**2, axis=1).mean() for e in errors]))
+        error = means.std(ddof=1) / np.sqrt(seeds)
+        table.add_row(name, f"{means.mean():.2f}", f"{error:.2f}", f"{rms:.1f} {unit}", f"{LOWEST:g} to {HIGHEST:g}")
+    Console().print(table)

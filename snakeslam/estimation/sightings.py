@@ -1,0 +1,78 @@
+"""Landmarks of the state seen from the newest clone, as a measurement on both."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from snakeslam.estimation.gating import Innovation
+from snakeslam.estimation.ieskf import Information
+from snakeslam.estimation.measurements import CameraRows, Observations, Poses, jacobians, residuals, robust_scale
+from snakeslam.estimation.state import CLONE, State
+from snakeslam.messages import Float
+
+
+@dataclass(slots=True)
+class Sightings:
+    """Landmarks ``index`` (L,) seen from the newest clone at ``observed``, whose arrays are (L, 1, 3)."""
+
+    index: NDArray[np.int64]
+    observed: Observations
+    rows: CameraRows
+    _scale: Float = field(default_factory=lambda: np.empty(0))
+
+    def __len__(self) -> int:
+        return len(self.index)
+
+    def pick(self, chosen: NDArray[np.bool_]) -> "Sightings":
+        """Return some of them."""
+        return Sightings(self.index[chosen], self.observed.pick(chosen), self.rows)
+
+    def _residuals(self, state: State) -> Float:
+        newest = Poses.of(state).pick(len(state.clones) - 1)
+        return residuals(state.landmarks.p_W[self.index], newest, self.observed, self.rows)[:, 0]
+
+    def _rows_of_state(self, state: State) -> tuple[NDArray[np.int64], Float]:
+        """Return where the errors of pose and landmark stand (L, 9) and the Jacobian along them, (L, 3, 9)."""
+        newest = len(state.clones) - 1
+        first = Poses.first_of(state).pick(newest)
+        Hx, Hf = jacobians(state.landmarks.p_fej[self.index], first, self.observed, self.rows)
+        pose = np.broadcast_to(np.arange(CLONE) + state.clone_slice(newest).start, (len(self.index), CLONE))
+        return np.hstack([pose, state.landmark_rows(self.index)]), np.concatenate([Hx[:, 0], Hf[:, 0]], axis=-1)
+
+    def innovation(self, state: State) -> Innovation:
+        """Return how far each is from what the state foresees, S = H P H^T + I."""
+        at, H = self._rows_of_state(state)
+        P = state.cov[at[:, :, None], at[:, None, :]]
+        return Innovation.of(self._residuals(state), H @ P @ np.swapaxes(H, 1, 2), self.observed.row_counts)
+
+    def linearise(self, state: State, total: Information) -> None:
+        """Add the rows to ``total``."""
+        r = self._residuals(state)
+        self._scale = robust_scale(r)
+        at, H = self._rows_of_state(state)
+        r, H = r * self._scale, H * self._scale[..., None]
+        H_T = np.swapaxes(H, 1, 2)
+        blocks, gradient = H_T @ H, (H_T @ r[..., None])[..., 0]
+        pose, own = at[0, :CLONE], at[:, CLONE:]
+        total.L[pose[:, None], pose] += blocks[:, :CLONE, :CLONE].sum(axis=0)
+        total.L[pose[None, :, None], own[:, None, :]] += blocks[:, :CLONE, CLONE:]
+        total.L[own[:, :, None], pose[None, None, :]] += blocks[:, CLONE:, :CLONE]
+        total.L[own[:, :, None], own[:, None, :]] += blocks[:, CLONE:, CLONE:]
+        total.gradient[pose] += gradient[:, :CLONE].sum(axis=0)
+        total.gradient[own] += gradient[:, CLONE:]
+        total.cost += float(np.sum(r * r))
+
+    def cost(self, state: State) -> float:
+        """Return the cost."""
+        r = self._residuals(state) * self._scale
+        return float(np.sum(r * r))
+
+    def follow(self, step: Float) -> Float:
+        """Nothing of its own moves."""
+        del step
+        return np.empty(0)
+
+    def go_back(self, kept: Float) -> None:
+        """Nothing of its own has moved."""
+        del kept

@@ -1,0 +1,174 @@
+"""The filter: a window of clones and landmarks that IMU spans move and followed features correct."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from snakeslam.calibration import ImuCalibration
+from snakeslam.estimation.features import Features, promote
+from snakeslam.estimation.frontend import FrontendFrame
+from snakeslam.estimation.gating import Innovation
+from snakeslam.estimation.ieskf import Measurement, update
+from snakeslam.estimation.measurements import CameraRows, Observations
+from snakeslam.estimation.preintegration import ImuSegments, preintegrate
+from snakeslam.estimation.settings import EstimatorSettings
+from snakeslam.estimation.sightings import Sightings
+from snakeslam.estimation.state import THETA, State, V
+from snakeslam.estimation.stillness import AtRest, Rest
+from snakeslam.estimation.tracks import TrackTable, among
+from snakeslam.messages import Float
+
+MAX_REJECTIONS = 2
+MIN_TRACK = 3
+GAP_ACCEL_M_S2 = 2.0
+GAP_RATE_RAD_S = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """What the filter knows of sensors and world: camera rows, IMU noise, gravity (3,), focal length in px."""
+
+    rows: CameraRows
+    noise: ImuCalibration
+    gravity_W: Float
+    focal_px: float
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """What one frame did: ids to follow no longer, innovations of all that was tried."""
+
+    refused: NDArray[np.int64]
+    innovations: tuple[Innovation, ...]
+
+    @staticmethod
+    def none() -> "Report":
+        """Return that of a frame without a picture."""
+        return Report(np.empty(0, np.int64), ())
+
+
+class SlidingWindow:
+    """State, tracks and the order of events of one frame."""
+
+    def __init__(self, state: State, settings: EstimatorSettings, model: Model) -> None:
+        self.state = state
+        self._settings = settings
+        self._model = model
+        self._tracks = TrackTable()
+
+    def propagate(self, span: ImuSegments | None, t_ns: int, gap_s: float) -> None:
+        """Move to ``t_ns`` by the IMU; where that was silent for ``gap_s``, the state is less certain."""
+        if span is None:
+            return
+        state, model = self.state, self._model
+        state.propagate(preintegrate(span, state.bias_g, state.bias_a, model.noise), t_ns, model.gravity_W)
+        if gap_s > self._settings.health.max_imu_gap_s:
+            blind_s = min(gap_s, float(span.dt_s.sum()))
+            state.widen(THETA, (GAP_RATE_RAD_S * blind_s) ** 2)
+            state.widen(V, (GAP_ACCEL_M_S2 * blind_s) ** 2)
+
+    def correct(self, frame: FrontendFrame, rest: Rest | None = None) -> Report:
+        """Take the features of a frame at the state's time, and that the head is at rest when it is."""
+        state, tracks = self.state, self._tracks
+        state.add_clone()
+        state.keep_landmarks(among(state.landmarks.ids, frame.ids))
+        self._let_landmarks_wander()
+        free = ~among(frame.ids, state.landmarks.ids)
+        tracks.observe(frame.ids[free], frame.xy[free], frame.depth_m[free])
+        sightings, seen = self._sightings(frame)
+        lost = ~among(tracks.ids, frame.ids)
+        leaving = self._leaving_clone()
+        ripe = self._ripe(~lost, leaving == 0)
+        chosen = (lost & (tracks.lengths >= MIN_TRACK)) | ripe
+        features, tried = self._features(chosen)
+        measurements: list[Measurement] = [m for m in (features, sightings) if len(m)]
+        measurements += self._at_rest(rest, True)
+        update(state, measurements, self._settings.max_iterations)
+        self._promote(features, tracks.ids[ripe])
+        refused = self._refused(tracks.ids[ripe & tracks.has_depth], features)
+        tracks.keep(~(lost | ripe))
+        if leaving is not None:
+            tracks.forget_column(leaving)
+            state.drop_clone(leaving)
+        return Report(refused, (seen, tried))
+
+    def hold(self, rest: Rest) -> None:
+        """Take that the head is at rest, at a time without a picture of its own."""
+        update(self.state, self._at_rest(rest, False), self._settings.max_iterations)
+
+    def _at_rest(self, rest: Rest | None, has_clone: bool) -> list[AtRest]:
+        if rest is None:
+            return []
+        rows = AtRest.of(rest, self.state, has_clone)
+        return [rows] if rows.innovation(self.state).accepted.all() else []
+
+    def _let_landmarks_wander(self) -> None:
+        """Widen landmarks by what their tracks creep from frame to frame: an error that no averaging takes away."""
+        state = self.state
+        far_m = np.linalg.norm(state.landmarks.p_W - state.p_WI, axis=1)
+        state.widen_landmarks((self._settings.noise.track_drift_px / self._model.focal_px * far_m) ** 2)
+
+    def _sightings(self, frame: FrontendFrame) -> tuple[Sightings, Innovation]:
+        """Return the landmarks in view that pass the gate."""
+        landmarks = self.state.landmarks
+        _, at, index = np.intersect1d(frame.ids, landmarks.ids, assume_unique=True, return_indices=True)
+        xyz = np.column_stack([frame.xy[at], frame.depth_m[at]])[:, None]
+        rows = self._model.rows
+        sightings = Sightings(index, Observations.weighed(xyz, np.ones((len(at), 1), bool), rows), rows)
+        if not len(at):
+            return sightings, Innovation.none()
+        innovation = sightings.innovation(self.state)
+        inside = innovation.accepted
+        landmarks.rejections[index] = np.where(inside, 0, landmarks.rejections[index] + 1)
+        return sightings.pick(inside), innovation
+
+    def _features(self, chosen: NDArray[np.bool_]) -> tuple[Features, Innovation]:
+        """Return the chosen tracks as features that pass the gate."""
+        tracks, rows = self._tracks, self._model.rows
+        observed = Observations.weighed(tracks.xyz[chosen], tracks.seen[chosen], rows)
+        features = Features.of(tracks.ids[chosen], observed, self.state, rows)
+        if not len(features):
+            return features, Innovation.none()
+        innovation = features.innovation(self.state)
+        return features.pick(innovation.accepted), innovation
+
+    def _leaving_clone(self) -> int | None:
+        """Return which clone leaves a full window.
+
+        The last but one when little moved since the one before it, else the oldest.
+        """
+        if len(self.state.clones) <= self._settings.window.clones:
+            return None
+        tracks = self._tracks
+        both = tracks.seen[:, -2] & tracks.seen[:, -3] & (tracks.lengths >= MIN_TRACK)
+        if not both.any():
+            return 0
+        moved = tracks.xyz[both, -2, :2] - tracks.xyz[both, -3, :2]
+        disparity_px = float(np.median(np.hypot(moved[:, 0], moved[:, 1]))) * self._model.focal_px
+        return len(self.state.clones) - 2 if disparity_px < self._settings.window.keyframe_disparity_px else 0
+
+    def _ripe(self, living: NDArray[np.bool_], oldest_leaves: bool) -> NDArray[np.bool_]:
+        """Return the living tracks to use now: those that the leaving clone saw, and candidates for landmarks."""
+        tracks, lengths = self._tracks, self._tracks.lengths
+        long = living & (lengths >= MIN_TRACK)
+        ripe = long & tracks.seen[:, 0] & oldest_leaves
+        room = self._settings.window.max_landmarks - len(self.state.landmarks)
+        fresh = np.flatnonzero(long & ~ripe & tracks.has_depth)
+        ripe[fresh[np.lexsort((tracks.ids[fresh], -lengths[fresh]))[: max(0, room)]]] = True
+        return ripe
+
+    def _promote(self, features: Features, candidates: NDArray[np.int64]) -> None:
+        room = self._settings.window.max_landmarks - len(self.state.landmarks)
+        chosen = among(features.ids, candidates)
+        chosen &= np.cumsum(chosen) <= room
+        if chosen.any():
+            promote(self.state, features, chosen)
+
+    def _refused(self, with_depth: NDArray[np.int64], features: Features) -> NDArray[np.int64]:
+        """Drop landmarks that fail the gate again; return them, and the tracks with depth that were turned away."""
+        landmarks = self.state.landmarks
+        failing = landmarks.rejections >= MAX_REJECTIONS
+        refused = np.concatenate([np.setdiff1d(with_depth, features.ids), landmarks.ids[failing]])
+        self.state.keep_landmarks(~failing)
+        return refused

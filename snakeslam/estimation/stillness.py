@@ -1,0 +1,143 @@
+"""The zero-velocity update: a head that picture and IMU both say is at rest does not drift."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from snakeslam.calibration import ImuCalibration
+from snakeslam.estimation.frontend import FrontendFrame
+from snakeslam.estimation.gating import Innovation
+from snakeslam.estimation.ieskf import Information
+from snakeslam.estimation.state import THETA, P, State, V
+from snakeslam.geometry import so3
+from snakeslam.messages import Float, ImuSample
+
+REST_NS = 300_000_000
+REST_PX = 2.0
+MIN_COMMON = 10
+GYRO_STD_RAD_S, ACCEL_STD_M_S2 = 0.02, 0.15
+GYRO_MEAN_RAD_S = 0.02
+DISTANCE_M = 3.0
+"""How far what is seen is taken to be, when a motion in the picture is turned into one in space."""
+SIGMA_V_M_S, SIGMA_P_M, SIGMA_THETA_RAD = 0.005, 0.001, 0.001
+
+
+@dataclass(frozen=True, slots=True)
+class Rest:
+    """At rest since ``since_ns``, for ``age_s``; the picture moved by ``moved_rad`` (median angle of its features)."""
+
+    since_ns: int
+    age_s: float
+    moved_rad: float
+
+
+class RestDetector:
+    """Says when IMU and picture have been at rest together for a while."""
+
+    def __init__(self, noise: ImuCalibration, focal_px: float) -> None:
+        self._gyro_std = GYRO_STD_RAD_S + 2.0 * noise.gyroscope_noise_density * np.sqrt(noise.update_rate)
+        self._accel_std = ACCEL_STD_M_S2 + 2.0 * noise.accelerometer_noise_density * np.sqrt(noise.update_rate)
+        self._rest_rad = REST_PX / focal_px
+        self._reference: tuple[int, FrontendFrame] | None = None
+
+    def begin(self, t_ns: int, frame: FrontendFrame) -> None:
+        """Take it that rest has been found otherwise, for as long as it takes."""
+        self._reference = (t_ns - REST_NS, frame)
+
+    def see(self, t_ns: int, frame: FrontendFrame, samples: Sequence[ImuSample], bias_g: Float) -> Rest | None:
+        """Return the rest that lasts until ``t_ns``, or None; ``samples`` are those of the last 0.3 s."""
+        if not self._imu_rests(samples, bias_g):
+            self._reference = None
+            return None
+        if self._reference is None:
+            self._reference = (t_ns, frame)
+            return None
+        since_ns, reference = self._reference
+        _, now, then = np.intersect1d(frame.ids, reference.ids, assume_unique=True, return_indices=True)
+        moved = np.linalg.norm(frame.xy[now] - reference.xy[then], axis=1)
+        if len(moved) < MIN_COMMON or float(np.median(moved)) > self._rest_rad:
+            self._reference = (t_ns, frame)
+            return None
+        if t_ns - since_ns < REST_NS:
+            return None
+        return Rest(since_ns, (t_ns - since_ns) / 1e9, float(np.median(moved)))
+
+    def _imu_rests(self, samples: Sequence[ImuSample], bias_g: Float) -> bool:
+        if len(samples) < 2:
+            return False
+        gyro = np.array([s.gyro_I for s in samples])
+        accel = np.array([s.accel_I for s in samples])
+        return bool(
+            np.all(gyro.std(axis=0) < self._gyro_std)
+            and np.all(accel.std(axis=0) < self._accel_std)
+            and np.linalg.norm(gyro.mean(axis=0) - bias_g) < GYRO_MEAN_RAD_S
+        )
+
+
+@dataclass(slots=True)
+class AtRest:
+    """Rows v_W = 0, p = p' and Log(R'^T R) = 0 between the newest clone and an older one of the same rest (primed)."""
+
+    sigma_v: float
+    sigma_p: float
+    sigma_theta: float
+    before: int | None
+    """The older clone; None where there is none: then the velocity alone is told, and count is 3 in place of 9."""
+
+    @staticmethod
+    def of(rest: Rest, state: State, has_clone: bool) -> "AtRest":
+        """Return the rows of a rest; what moves a little in the picture may move a little in space."""
+        moved_m = rest.moved_rad * DISTANCE_M
+        sigmas = SIGMA_V_M_S + moved_m / rest.age_s, SIGMA_P_M + moved_m, SIGMA_THETA_RAD + rest.moved_rad
+        of_rest = int(np.searchsorted(state.clones.t_ns, rest.since_ns))
+        return AtRest(*sigmas, of_rest if has_clone and of_rest < len(state.clones) - 1 else None)
+
+    def residual(self, state: State) -> Float:
+        """Return the whitened residual, (count,)."""
+        v = -state.v_W / self.sigma_v
+        if self.before is None:
+            return v
+        R, p = state.clones.R_WI, state.clones.p_WI
+        turn = so3.log(R[self.before].T @ R[-1])
+        return np.concatenate([v, (p[self.before] - p[-1]) / self.sigma_p, -turn / self.sigma_theta])
+
+    def jacobian(self, state: State) -> Float:
+        """Return the whitened Jacobian at first estimates, (count, size)."""
+        H = np.zeros((3 if self.before is None else 9, state.size))
+        H[:3, V] = np.eye(3) / self.sigma_v
+        if self.before is None:
+            return H
+        before, now = state.clone_slice(self.before).start, state.clone_slice(len(state.clones) - 1).start
+        R = state.clones.R_fej
+        for at, sign in ((before, -1.0), (now, 1.0)):
+            H[3:6, at + P.start : at + P.stop] = sign * np.eye(3) / self.sigma_p
+        H[6:, now + THETA.start : now + THETA.stop] = np.eye(3) / self.sigma_theta
+        H[6:, before + THETA.start : before + THETA.stop] = -R[-1].T @ R[self.before] / self.sigma_theta
+        return H
+
+    def innovation(self, state: State) -> Innovation:
+        """Return how far it is from what the state foresees."""
+        H = self.jacobian(state)
+        return Innovation.of(self.residual(state)[None], (H @ state.cov @ H.T)[None], np.array([len(H)]))
+
+    def linearise(self, state: State, total: Information) -> None:
+        """Add the rows to ``total``."""
+        r, H = self.residual(state), self.jacobian(state)
+        total.L += H.T @ H
+        total.gradient += H.T @ r
+        total.cost += float(r @ r)
+
+    def cost(self, state: State) -> float:
+        """Return the cost."""
+        r = self.residual(state)
+        return float(r @ r)
+
+    def follow(self, step: Float) -> Float:
+        """Nothing of its own moves."""
+        del step
+        return np.empty(0)
+
+    def go_back(self, kept: Float) -> None:
+        """Nothing of its own has moved."""
+        del kept

@@ -1,0 +1,27 @@
+"""Whether the covariance tells the error: NEES over seeds on simulated measurements (3 for three exact errors)."""
+
+import numpy as np
+
+from bench.simulated import SwingingHead, run
+
+
+def test_nees_over_seeds() -> None:
+    """A few short takes, so wide bounds; ``python -m bench consistency`` has 50 seeds and the tight ones."""
+    takes = [run(SwingingHead(seed=seed, duration_s=4.0, tracks=80)) for seed in range(8)]
+    position = np.mean([take.nees_p.mean() for take in takes])
+    orientation = np.mean([take.nees_theta.mean() for take in takes])
+    assert 1.2 < position < 5.0
+    assert 1.2 < orientation < 5.0
+    assert np.sqrt(np.mean([np.sum(take.e_p**2, axis=1).mean() for take in takes])) < 0.015
+
+
+def test_yaw_is_not_learnt_from_nothing() -> None:
+    """Yaw is not observable: its variance never falls while the head swings (first-estimates Jacobians)."""
+    head = SwingingHead(seed=3, duration_s=5.0, tracks=80)
+    take = run(head)
+    R, _ = head.pose(take.t_s)
+    up_I = R[:, 2]
+    variance = np.einsum("ni,nij,nj->n", up_I, take.cov[:, :3, :3], up_I)
+    assert variance[-1] > variance[len(variance) // 3] > variance[2]
+    lowest_ahead = np.minimum.accumulate(variance[::-1])[::-1]
+    assert np.all(lowest_ahead > 0.8 * variance)

@@ -1,0 +1,66 @@
+"""The front-end on pictures whose motion is known."""
+
+import cv2
+import numpy as np
+
+from snakeslam.estimation.camera import PinholeCamera
+from snakeslam.estimation.frontend import Frontend, FrontendFrame
+from snakeslam.estimation.settings import FrontendSettings
+from snakeslam.geometry import so3
+from snakeslam.messages import CameraFrame
+from tests.estimation.wall import HEIGHT_PX, RIG, WIDTH_PX, K
+
+CAMERA = PinholeCamera(RIG.cam0)
+ROLL_RAD = np.deg2rad(3.5)
+
+
+def texture(seed: int = 0) -> np.ndarray:
+    noise = np.random.default_rng(seed).normal(0, 1, (HEIGHT_PX, WIDTH_PX)).astype(np.float32)
+    smooth = cv2.GaussianBlur(noise, (0, 0), 2.5)
+    return np.clip(128 + 60 * smooth / smooth.std(), 0, 255).astype(np.uint8)
+
+
+def rolled(picture: np.ndarray, R_CC0: np.ndarray) -> np.ndarray:
+    return cv2.warpPerspective(picture, K @ R_CC0 @ np.linalg.inv(K), (WIDTH_PX, HEIGHT_PX), flags=cv2.INTER_CUBIC)
+
+
+def test_a_rolling_camera_does_not_make_features_creep() -> None:
+    """After 20 frames of 3.5 deg each, features are still where the turn puts them."""
+    picture, frontend = texture(), Frontend(FrontendSettings(), CAMERA, 0)
+    step = np.eye(4)
+    step[:3, :3] = so3.exp(np.array([0.0, 0.0, ROLL_RAD]))
+    frames: list[FrontendFrame] = []
+    for k in range(21):
+        gray = rolled(picture, so3.exp(np.array([0.0, 0.0, k * ROLL_RAD])))
+        frames.append(frontend.process(CameraFrame(k, k, gray), step if k else np.eye(4)))
+    kept, first, last = np.intersect1d(frames[0].ids, frames[-1].ids, return_indices=True)
+    assert len(kept) > 10
+    rays = np.hstack([frames[0].xy[first], np.ones((len(kept), 1))]) @ so3.exp(np.array([0.0, 0.0, 20 * ROLL_RAD])).T
+    error_px = np.linalg.norm(rays[:, :2] / rays[:, 2:] - frames[-1].xy[last], axis=1) * CAMERA.focal_px
+    assert np.median(error_px) < 0.5
+
+
+def test_faint_texture_is_not_followed() -> None:
+    """The left half is faint, just enough for corners: KLT would creep there, so nothing of it is kept."""
+    half = WIDTH_PX // 2
+    picture = texture().astype(float)
+    picture[:, :half] = 128 + 0.12 * (cv2.GaussianBlur(picture[:, :half], (0, 0), 2.0) - 128)
+    frontend = Frontend(FrontendSettings(fast_threshold=4), CAMERA, 0)
+    noise = np.random.default_rng(1)
+    for k in range(4):
+        gray = np.clip(picture + noise.normal(0, 1.0, picture.shape), 0, 255).astype(np.uint8)
+        frame = frontend.process(CameraFrame(k, k, gray), np.eye(4))
+    followed, new = frame.px[: frame.followed, 0], frame.px[frame.followed :, 0]
+    assert np.sum(followed > half + 8) > 40
+    assert np.sum(new < half - 8) > 5, "there must be corners to be left alone"
+    assert np.sum(followed < half - 16) == 0
+
+
+def test_the_same_picture_is_frozen_and_a_noisy_one_is_not() -> None:
+    frontend, picture = Frontend(FrontendSettings(), CAMERA, 0), texture()
+    first = frontend.process(CameraFrame(0, 0, picture), np.eye(4))
+    again = frontend.process(CameraFrame(1, 1, picture.copy()), np.eye(4))
+    noisy = frontend.process(CameraFrame(2, 2, picture ^ 1), np.eye(4))
+    assert (first.frozen, again.frozen, noisy.frozen) == (False, True, False)
+    assert np.array_equal(again.ids, first.ids)
+    assert noisy.followed > 0.9 * len(first.ids)

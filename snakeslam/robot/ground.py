@@ -14,7 +14,8 @@ from snakeslam.robot.model import SnakeModel
 
 GRAVITY_M_S2 = 9.81
 SKIN_GIVES_M = 0.003
-"""How far the skin gives under the mean load; it also stands for what the joints give."""
+"""How far the skin gives under the mean load of those that bear; it also stands for what the joints give."""
+FEWEST = 6.0
 ROUNDS = 20
 PLANES = 2
 ENOUGH_M = 1e-7
@@ -44,25 +45,30 @@ def level(model: SnakeModel, Ts_IL: Float, up_I: Float) -> Ground:
     com_I = masses @ (Ts_IL[:, :3, 3] + Ts_IL[:, :3, :3] @ model.com_L) / masses.sum()
     weight_n = float(masses.sum()) * GRAVITY_M_S2
     normal = up_I / np.linalg.norm(up_I)
-    loads = np.zeros(len(centres_I))
+    loads = np.ones(len(centres_I))
     for _ in range(PLANES):
-        loads, normal = _plane(centres_I - com_I, normal, model.radius_m, weight_n)
+        stiff = weight_n / (_bearing(loads) * SKIN_GIVES_M)
+        loads, normal = _plane(centres_I - com_I, normal, model.radius_m, weight_n, stiff)
     link = np.repeat(np.arange(model.link_count), model.sphere_centres_L.shape[0])
     return Ground(normal, centres_I - model.radius_m * normal, loads, link)
 
 
-def _plane(points: Float, up: Float, radius_m: float, weight_n: float) -> tuple[Float, Float]:
+def _bearing(loads: Float) -> float:
+    """Return how many contacts bear, in effect."""
+    return max(FEWEST, float(loads.sum() ** 2 / (loads @ loads)))
+
+
+def _plane(points: Float, up: Float, radius_m: float, weight_n: float, stiff: float) -> tuple[Float, Float]:
     """Return the loads of spheres at ``points`` about the centre of mass, and the plane's normal."""
     side = np.cross(up, [1.0, 0.0, 0.0] if abs(up[0]) < 0.9 else [0.0, 1.0, 0.0])
     side /= np.linalg.norm(side)
     frame = np.stack([side, np.cross(up, side), up])
     x, y, z = frame @ points.T
     rows = np.stack([np.ones_like(x), x, y], axis=1)
-    stiff = weight_n / (len(points) * SKIN_GIVES_M)
     hold = np.diag([0.0, 1.0, 1.0]) * weight_n * radius_m
     load = np.array([weight_n, 0.0, 0.0])
     # From deep down, where every contact bears, Newton's steps come up without leaving any out too early.
-    plane = np.array([float(np.max(z)) - radius_m, 0.0, 0.0])
+    plane = np.array([float(np.max(z)) - radius_m + SKIN_GIVES_M, 0.0, 0.0])
     pen = rows @ plane - (z - radius_m)
     for _ in range(ROUNDS):
         active = rows[pen > 0.0]

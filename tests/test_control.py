@@ -254,3 +254,20 @@ def test_a_head_that_the_gait_cannot_have_is_refused_and_changes_nothing():
         deep.command(GaitCommand(0, "serpentine", alpha_pi=0.7))
     assert control.head == untouched.head
     np.testing.assert_array_equal(_run(control, 100), _run(untouched, 100))
+
+
+def test_under_predictive_control_a_turn_turns_the_line_and_bends_no_gait():
+    """The body follows its head: the drive pad's turn moves the line, and without it the gait's own offset."""
+
+    def played(controller, turn):
+        control = Control(MODEL, GaitSettings(), HeadSettings(controller=controller))
+        control.command(GaitCommand(0, "serpentine", turn=turn))
+        _run(control, 300)
+        return control
+
+    body = slice(0, 18, 2)
+    straight, turned = (played("predictive", turn).step(3_000_000_000, None, None, None) for turn in (0.0, 1.0))
+    np.testing.assert_allclose(turned.q_rad[body], straight.q_rad[body], atol=1e-12)
+    bent = played("none", 1.0).step(3_000_000_000, None, None, None).q_rad[body]
+    plain = played("none", 0.0).step(3_000_000_000, None, None, None).q_rad[body]
+    np.testing.assert_allclose(bent - plain, np.deg2rad(6.0), atol=0.01)

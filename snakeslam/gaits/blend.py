@@ -5,7 +5,8 @@ difference of the two gaits into e, which then decays like a critically damped s
 rates ever jump. One signed pace in [-1, 1] scales all time: at 0 the robot holds whatever shape it is in.
 """
 
-from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -24,8 +25,17 @@ LEAST_PACE = 0.05
 """Slower than this a rate says nothing of the rate per unit of paced time."""
 WHOLE_TURN = 2.0 * np.pi
 
-Shape = Callable[[ResolvedGait, float], tuple[Float, Float]]
-"""A gait and its phase to the angles (N,) rad and their slope d/d(sigma)."""
+
+class Shape(Protocol):
+    """What a gait looks like at a phase."""
+
+    def angles(self, gait: ResolvedGait, sigma: float) -> Float:
+        """Return the angles, (N,) rad."""
+        ...
+
+    def __call__(self, gait: ResolvedGait, sigma: float) -> tuple[Float, Float]:
+        """Return the angles and their slope d/d(sigma), each (N,)."""
+        ...
 
 
 class GaitBlend:
@@ -35,12 +45,12 @@ class GaitBlend:
     """
 
     def __init__(self, model: SnakeModel, gait: ResolvedGait, q_rad: Float, shape: Shape | None = None) -> None:
-        self._shape: Shape = shape or plain_shape(model)
+        self._shape: Shape = shape or PlainShape(model)
         self._gait, self._next = gait, gait
         self._sigma = gait.start_sigma
         self._pace = 0.0
         self._phase_pace = 0.0 if gait.rolls else 1.0
-        self._left = np.asarray(q_rad, dtype=np.float64) - self._shape(gait, self._sigma)[0]
+        self._left = np.asarray(q_rad, dtype=np.float64) - self._shape.angles(gait, self._sigma)
         self._left_rate = np.zeros(model.joint_count)
         self._came_upright = False
 
@@ -91,7 +101,7 @@ class GaitBlend:
         self._pace += float(np.clip(np.clip(drive, -1.0, 1.0) - self._pace, -largest, largest))
         self._advance_phase(dt_s)
         self._decay(abs(self._pace) * dt_s)
-        return self._shape(self._gait, self._sigma)[0] + self._left
+        return self._shape.angles(self._gait, self._sigma) + self._left
 
     def _advance_phase(self, dt_s: float) -> None:
         if self._phase_pace < 1.0 and np.max(np.abs(self._left)) < FORMED_RAD:
@@ -137,10 +147,16 @@ class GaitBlend:
         return q_rad, slope * self._gait.omega * self._phase_pace * float(np.sign(self._pace))
 
 
-def plain_shape(model: SnakeModel) -> Shape:
-    """Return the gaits as they are, the head held as the model says."""
+@dataclass(frozen=True, slots=True)
+class PlainShape:
+    """The gaits as they are, the head held as the model says."""
 
-    def shape(gait: ResolvedGait, sigma: float) -> tuple[Float, Float]:
-        return posed_angles(gait, model, sigma)
+    model: SnakeModel
 
-    return shape
+    def angles(self, gait: ResolvedGait, sigma: float) -> Float:
+        """Return the angles, (N,) rad."""
+        return posed_angles(gait, self.model, sigma)[0]
+
+    def __call__(self, gait: ResolvedGait, sigma: float) -> tuple[Float, Float]:
+        """Return the angles and their slope d/d(sigma), each (N,)."""
+        return posed_angles(gait, self.model, sigma)

@@ -15,31 +15,35 @@ class HeadAttitude:
     """Call ``update`` for every target; without an estimate the attitude is that since the start, taken for level."""
 
     def __init__(self) -> None:
-        self._turned: deque[tuple[int, Float]] = deque()
-        self._R_pose: Float = np.eye(3)
-        self._R_pose_gyro: Float = np.eye(3)
-        self._pose_ns = -1
+        self._R: Float = np.eye(3)
+        self._R_ns = -1
+        self._turns: deque[tuple[int, Float]] = deque()
+        self._t_ns: int | None = None
 
     @property
     def R_WI(self) -> Float:
         """Attitude of the head, (3, 3)."""
-        if not self._turned:
-            return self._R_pose
-        return self._R_pose @ self._R_pose_gyro.T @ self._turned[-1][1]
+        turns = [turn_I for t_ns, turn_I in self._turns if t_ns > self._R_ns]
+        return _turned(self._R, turns) if turns else self._R
 
     def update(self, t_ns: int, pose: PoseEstimate | None, imu: ImuSample | None) -> None:
         """Go on to ``t_ns`` with what is known there."""
         if imu is not None:
-            before_ns, R = self._turned[-1] if self._turned else (t_ns, np.eye(3))
-            self._turned.append((t_ns, R @ so3.exp(imu.gyro_I * ((t_ns - before_ns) * NS))))
-            while t_ns - self._turned[0][0] > MEMORY_NS:
-                self._turned.popleft()
-        if pose is not None and pose.t_ns > self._pose_ns:
-            self._pose_ns, self._R_pose = pose.t_ns, pose.T_WI[:3, :3]
-            self._R_pose_gyro = self._at(pose.t_ns)
+            dt_s = 0.0 if self._t_ns is None else (t_ns - self._t_ns) * NS
+            self._turns.append((t_ns, imu.gyro_I * dt_s))
+            self._t_ns = t_ns
+        if pose is not None and pose.t_ns > self._R_ns:
+            self._R, self._R_ns = pose.T_WI[:3, :3], pose.t_ns
+        while self._turns and t_ns - self._turns[0][0] > MEMORY_NS:
+            self._forget(*self._turns.popleft())
 
-    def _at(self, t_ns: int) -> Float:
-        """Return the gyroscope's attitude nearest in time."""
-        if not self._turned:
-            return np.eye(3)
-        return min(self._turned, key=lambda entry: abs(entry[0] - t_ns))[1]
+    def _forget(self, t_ns: int, turn_I: Float) -> None:
+        """Take the oldest turn into the attitude, if no estimate has told of it."""
+        if t_ns > self._R_ns:
+            self._R, self._R_ns = _turned(self._R, [turn_I]), t_ns
+
+
+def _turned(R: Float, turns_I: list[Float]) -> Float:
+    for step in so3.exp(np.array(turns_I)):
+        R = R @ step
+    return R

@@ -5,7 +5,7 @@ import numpy as np
 from snakeslam.gaits.blend import GaitBlend, Shape
 from snakeslam.gaits.catalogue import ResolvedGait
 from snakeslam.head.attitude import HeadAttitude
-from snakeslam.head.laws import shape_of, steers_head
+from snakeslam.head.laws import HeadShape, steers_head
 from snakeslam.head.level import LevelNeck
 from snakeslam.head.line import HeadLine
 from snakeslam.head.neck import neck_of
@@ -44,7 +44,7 @@ class HeadControl:
         self._loads = posture_loads(model)
         self._hand: PredictiveNeck | LevelNeck | None = None
         self._q_rad: Float = model.rest_q_rad
-        self.shape: Shape = shape_of(settings.controller, model, self._neck)
+        self.shape: Shape = HeadShape(settings.controller, model, self._neck)
 
     def feeds_back(self, gait: ResolvedGait) -> bool:
         """Return whether the neck's targets come from here in this gait, not from the blend.

@@ -4,10 +4,11 @@ They hold for the serpentine gait; every other gait keeps its own angles. The ga
 phi(s) = -alpha cos(b s + sigma), the mirror image of the paper's, with alpha = A_o / (2 sin(b l0)).
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from snakeslam.errors import InputError
-from snakeslam.gaits.blend import Shape
 from snakeslam.gaits.catalogue import ResolvedGait
 from snakeslam.gaits.posture import posed_angles
 from snakeslam.gaits.serpenoid import alpha_from_amplitude
@@ -22,23 +23,35 @@ PHASES = 72
 """Phases at which the neck's largest angle is looked for."""
 
 
-def shape_of(controller: HeadController, model: SnakeModel, neck: Neck) -> Shape:
-    """Return the angles (N,) rad, and their slope d/d(sigma), of a gait under a closed-form controller.
+@dataclass(frozen=True, slots=True)
+class HeadShape:
+    """A gait under a closed-form controller; ``predictive`` has the shape of ``position``, from which it departs."""
 
-    ``predictive`` has the shape of ``position``, from which it departs by feedback.
-    """
+    controller: HeadController
+    model: SnakeModel
+    neck: Neck
 
-    def shape(gait: ResolvedGait, sigma: float) -> tuple[Float, Float]:
-        q_rad, slope = posed_angles(gait, model, sigma)
-        if controller != "none" and steers_head(gait):
-            ahead, behind = (
-                neck_angles(controller, gait, model, neck, sigma + h) for h in (SLOPE_STEP_RAD, -SLOPE_STEP_RAD)
-            )
-            q_rad[neck.joints] = (ahead + behind) / 2.0
-            slope[neck.joints] = (ahead - behind) / (2.0 * SLOPE_STEP_RAD)
+    def angles(self, gait: ResolvedGait, sigma: float) -> Float:
+        """Return the angles, (N,) rad."""
+        q_rad, _ = posed_angles(gait, self.model, sigma)
+        if self._holds(gait):
+            q_rad[self.neck.joints] = self._neck_angles(gait, sigma)
+        return q_rad
+
+    def __call__(self, gait: ResolvedGait, sigma: float) -> tuple[Float, Float]:
+        """Return the angles and their slope d/d(sigma), each (N,)."""
+        q_rad, slope = posed_angles(gait, self.model, sigma)
+        if self._holds(gait):
+            q_rad[self.neck.joints] = self._neck_angles(gait, sigma)
+            ahead, behind = (self._neck_angles(gait, sigma + h) for h in (SLOPE_STEP_RAD, -SLOPE_STEP_RAD))
+            slope[self.neck.joints] = (ahead - behind) / (2.0 * SLOPE_STEP_RAD)
         return q_rad, slope
 
-    return shape
+    def _holds(self, gait: ResolvedGait) -> bool:
+        return self.controller != "none" and steers_head(gait)
+
+    def _neck_angles(self, gait: ResolvedGait, sigma: float) -> Float:
+        return neck_angles(self.controller, gait, self.model, self.neck, sigma)
 
 
 def steers_head(gait: ResolvedGait) -> bool:

@@ -105,9 +105,10 @@ class LevelNeck:
         return np.einsum("mij,mj->im", Ts_IL[self.joints + 1, :3, :3], self.model.axes_L[self.joints])
 
     def _error(self, R_WI: Float, heading_rad: float) -> Float:
-        """Return the rotation from the wanted attitude to the head's, (3,) rad in I; of the view only when it rolls."""
+        """Return the turn from the wanted attitude as sine times axis, (3,) in I; of the view when it rolls."""
         R_WV = so3.from_yaw(heading_rad)
         if self.holds_roll:
-            return so3.log(R_WV.T @ R_WI)
+            R_VI = R_WV.T @ R_WI
+            return so3.vee(R_VI - R_VI.T) / 2.0
         ahead_I = R_WI.T @ R_WV[:, 0]
         return np.array([0.0, ahead_I[2], -ahead_I[1]])

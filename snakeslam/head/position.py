@@ -8,6 +8,9 @@ The paper integrates f_M forward, which drifts: ``difference_rate`` and ``step_d
 is ``difference``, which solves y_N = 0 at every moment.
 """
 
+import math
+from functools import lru_cache
+
 import numpy as np
 from scipy import special
 
@@ -30,9 +33,14 @@ def lateral_position_m(alpha_rad: float, b: float, u_rad: float) -> float:
     y_M = (2 / b) sum_m (-1)^m J_{2m+1}(alpha) sin((2m + 1) u) / (2m + 1), the integral of Eq. (13) about the centre
     line. Source: Jacobi-Anger expansion of sin(alpha cos u).
     """
+    return 2.0 / b * sum(weight * math.sin((2 * m + 1) * u_rad) for m, weight in enumerate(_series(alpha_rad)))
+
+
+@lru_cache(maxsize=64)
+def _series(alpha_rad: float) -> tuple[float, ...]:
+    """Return (-1)^m J_{2m+1}(alpha) / (2m + 1)."""
     m = np.arange(SERIES)
-    odd = 2 * m + 1
-    return float(2.0 / b * np.sum((-1.0) ** m * special.jv(odd, alpha_rad) * np.sin(odd * u_rad) / odd))
+    return tuple(((-1.0) ** m * special.jv(2 * m + 1, alpha_rad) / (2 * m + 1)).tolist())
 
 
 def head_offset_m(y_M_m: float, phi_M_rad: float, f_M: float, length_m: float) -> float:
@@ -46,15 +54,20 @@ def head_offset_m(y_M_m: float, phi_M_rad: float, f_M: float, length_m: float) -
 
 def _arc_offset(phi_from: float, phi_to: float) -> float:
     """Return how far sideways an arc of length 1 ends."""
-    return float(np.sin((phi_from + phi_to) / 2.0) * np.sinc((phi_to - phi_from) / (2.0 * np.pi)))
+    return math.sin((phi_from + phi_to) / 2.0) * _sinc((phi_to - phi_from) / 2.0)
+
+
+def _sinc(x: float) -> float:
+    """Return sin(x) / x."""
+    return math.sin(x) / x if abs(x) > 1e-8 else 1.0
 
 
 def _arc_offset_slope(phi_from: float, phi_to: float) -> float:
     """Return d(_arc_offset) / d(phi_to)."""
     mean, half = (phi_from + phi_to) / 2.0, (phi_to - phi_from) / 2.0
-    sinc = float(np.sinc(half / np.pi))
-    slope = (np.cos(half) - sinc) / half if abs(half) > 1e-6 else -half / 3.0
-    return float(0.5 * (np.cos(mean) * sinc + np.sin(mean) * slope))
+    sinc = _sinc(half)
+    slope = (math.cos(half) - sinc) / half if abs(half) > 1e-4 else -half / 3.0
+    return 0.5 * (math.cos(mean) * sinc + math.sin(mean) * slope)
 
 
 def difference(y_M_m: float, phi_M_rad: float, length_m: float) -> float:
@@ -64,7 +77,7 @@ def difference(y_M_m: float, phi_M_rad: float, length_m: float) -> float:
     """
     middle = -phi_M_rad / 2.0 - 2.0 * y_M_m / length_m
     for _ in range(NEWTON_STEPS):
-        middle = float(np.clip(middle, -np.pi / 2.0, np.pi / 2.0))
+        middle = min(max(middle, -math.pi / 2.0), math.pi / 2.0)
         offset = 2.0 * y_M_m / length_m + _arc_offset(phi_M_rad, middle) + _arc_offset(middle, 0.0)
         slope = _arc_offset_slope(phi_M_rad, middle) + _arc_offset_slope(0.0, middle)
         middle -= offset / slope if abs(slope) > 1e-3 else 0.0

@@ -15,6 +15,8 @@ from snakeslam.robot.ground import Ground, level
 from snakeslam.robot.kinematics import link_poses_from_imu
 from snakeslam.robot.model import SnakeModel
 
+PLANAR = [0, 1, 4]
+"""Of a twist (v_x, v_y, w_x, w_y, w_z), what is in the plane."""
 ROUNDS = 30
 ENOUGH_M_S = 1e-5
 SLIP_M_S = 0.02
@@ -22,41 +24,41 @@ SLIP_M_S = 0.02
 FLOOR_M_S = 0.005
 
 
-def link_motion(model: SnakeModel, Ts_WL: Float) -> tuple[Float, Float]:
-    """Return how joint rates move the links' centres while the head's link is held.
-
-    Velocities (N + 1, 3, N) in m/s and angular rates (N + 1, 3, N) in rad/s per rad/s, in W.
-    """
-    centres_W = Ts_WL[:, :3, 3] + Ts_WL[:, :3, :3] @ model.com_L
-    axes_W = np.einsum("nij,nj->ni", Ts_WL[1:, :3, :3], model.axes_L)
-    arms_W = centres_W[:, None] - Ts_WL[None, 1:, :3, 3]
-    behind = np.arange(model.link_count)[:, None] <= np.arange(model.joint_count)
-    turn = np.where(behind[..., None], -axes_W, 0.0)
-    (ax, ay, az), (x, y, z) = np.moveaxis(turn, -1, 0), np.moveaxis(arms_W, -1, 0)
-    velocity = np.stack([ay * z - az * y, az * x - ax * z, ax * y - ay * x], axis=1)
-    return velocity, np.moveaxis(turn, -1, 1)
-
-
 def resistive_map(model: SnakeModel, q_rad: Float, T_WI: Float, loads: Float, ratio: float) -> Float:
     """Return the map from joint rates to the planar twist (v_x, v_y, w_z) of the IMU in W, (3, N).
 
     Each link i resists with sqrt(w_i) { sqrt(c_t l) v_t, sqrt(c_n l) v_n, sqrt(c_n l^3 / 12) w } = A x + B dq; zero net
     force and moment is x = -(A^T A)^-1 A^T B dq. ``loads`` (N + 1,) are the weights w, ``ratio`` is c_n / c_t.
+
+    While the head is held, joint j turns all links behind it as one, by the twist s_j, so A^T B_j is the sum of their
+    resistances to any twist, times s_j.
     """
     Ts_WL = link_poses_from_imu(model, q_rad, T_WI)
-    velocity, turn = link_motion(model, Ts_WL)
-    centres_W = Ts_WL[:, :3, 3] + Ts_WL[:, :3, :3] @ model.com_L
-    x, y = (centres_W[:, :2] - T_WI[:2, 3]).T
-    along = Ts_WL[:, :2, 0] / np.linalg.norm(Ts_WL[:, :2, 0], axis=1)[:, None]
-    across = np.stack([-along[:, 1], along[:, 0]], axis=1)
-    rigid = np.zeros((model.link_count, 2, 3))
+    resists = _resistances(model, Ts_WL, T_WI[:3, 3], loads, ratio)
+    behind = np.cumsum(resists, axis=0)
+    forces = np.einsum("nab,nb->an", behind[:-1], _turns(model, Ts_WL, T_WI[:3, 3]))
+    return np.asarray(-np.linalg.solve(behind[-1][:, PLANAR], forces), dtype=np.float64)
+
+
+def _resistances(model: SnakeModel, Ts_WL: Float, origin_W: Float, loads: Float, ratio: float) -> Float:
+    """Return each link's planar force for a twist (v_x, v_y, w_x, w_y, w_z) at the origin, (N + 1, 3, 5)."""
+    x, y, z = (Ts_WL[:, :3, 3] + Ts_WL[:, :3, :3] @ model.com_L - origin_W).T
+    along = Ts_WL[:, :2, 0] / np.hypot(Ts_WL[:, 0, 0], Ts_WL[:, 1, 0])[:, None]
+    rigid = np.zeros((model.link_count, 2, 5))
     rigid[:, 0, 0] = rigid[:, 1, 1] = 1.0
-    rigid[:, 0, 2], rigid[:, 1, 2] = -y, x
-    axes = np.stack([along, np.sqrt(ratio) * across], axis=1) * np.sqrt(loads)[:, None, None]
-    spin = np.sqrt(loads * ratio / 12.0) * model.joint_length_m
-    A = np.concatenate([(axes @ rigid).reshape(-1, 3), np.outer(spin, [0.0, 0.0, 1.0])])
-    B = np.concatenate([(axes @ velocity[:, :2]).reshape(-1, model.joint_count), spin[:, None] * turn[:, 2]])
-    return np.asarray(-np.linalg.solve(A.T @ A, A.T @ B), dtype=np.float64)
+    rigid[:, 0, 3], rigid[:, 0, 4], rigid[:, 1, 2], rigid[:, 1, 4] = z, -y, -z, x
+    metric = ratio * np.eye(2) - (ratio - 1.0) * along[:, :, None] * along[:, None, :]
+    resists = np.swapaxes(rigid[:, :, PLANAR], 1, 2) @ (metric @ rigid)
+    resists[:, 2, 4] += ratio / 12.0 * model.joint_length_m**2
+    return resists * loads[:, None, None]
+
+
+def _turns(model: SnakeModel, Ts_WL: Float, origin_W: Float) -> Float:
+    """Return the twist (v_x, v_y, w_x, w_y, w_z) at the origin of what is behind each joint, per joint rate, (N, 5)."""
+    w = -np.einsum("nij,nj->ni", Ts_WL[1:, :3, :3], model.axes_L)
+    arm = origin_W - Ts_WL[1:, :3, 3]
+    v_x, v_y = w[:, 1] * arm[:, 2] - w[:, 2] * arm[:, 1], w[:, 2] * arm[:, 0] - w[:, 0] * arm[:, 2]
+    return np.column_stack([v_x, v_y, w])
 
 
 @dataclass(frozen=True, slots=True)

@@ -37,7 +37,10 @@ def chosen_rows(rows: Sequence[Row], where: Mapping[str, Scalar]) -> list[Row]:
 def spread(rows: Sequence[Row], name: MeasureName) -> Spread | None:
     """Return a measure over ``rows``, those that have it; None without any."""
     found = [value for row in rows if (value := row.values.get(name)) is not None]
-    return Spread(float(np.mean(found)), min(found), max(found)) if found else None
+    if not found:
+        return None
+    # The mean of equal numbers may come out a rounding error outside of them.
+    return Spread(float(np.clip(np.mean(found), min(found), max(found))), min(found), max(found))
 
 
 def markdown(study: Study, rows: Sequence[Row]) -> str:

@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from snakeslam.gaits.blend import GaitBlend, plain_shape
+from snakeslam.gaits.blend import GaitBlend, PlainShape
 from snakeslam.gaits.catalogue import CATALOGUE, GaitSettings, resolve
 from snakeslam.gaits.posture import posed_angles
-from snakeslam.head.laws import shape_of
+from snakeslam.head.laws import HeadShape
 from snakeslam.head.neck import neck_of
 from snakeslam.robot.model import PRESETS
 
@@ -99,7 +99,7 @@ def test_a_turn_commanded_twenty_times_a_second_is_smooth():
     assert np.max(np.abs(np.diff(angles, 2, axis=0))) / DT_S**2 < 0.5 * MODEL.limits.acceleration_rad_s2
 
 
-SHAPES = {name: shape_of(name, MODEL, neck_of(MODEL, 6)) for name in ("none", "direction", "position")}
+SHAPES = {name: HeadShape(name, MODEL, neck_of(MODEL, 6)) for name in ("none", "direction", "position")}
 
 
 def _winding(shape, steps, alpha_pi=0.5):
@@ -119,10 +119,10 @@ def test_a_change_of_shape_has_no_step_at_any_phase_and_settles(before, after):
         np.testing.assert_allclose(near[-1], SHAPES[after](blend.gait, blend.sigma)[0], atol=0.02)
 
 
-def test_the_plain_shape_is_the_posture():
+def test_the_PlainShape_is_the_posture():
     gait = resolve(GaitSettings(), MODEL)
-    np.testing.assert_array_equal(plain_shape(MODEL)(gait, 1.2), posed_angles(gait, MODEL, 1.2))
-    np.testing.assert_array_equal(plain_shape(MODEL)(gait, 1.2), SHAPES["none"](gait, 1.2))
+    np.testing.assert_array_equal(PlainShape(MODEL)(gait, 1.2), posed_angles(gait, MODEL, 1.2))
+    np.testing.assert_array_equal(PlainShape(MODEL)(gait, 1.2), SHAPES["none"](gait, 1.2))
 
 
 def test_the_slope_of_a_shape_counts_in_a_change():

@@ -6,7 +6,7 @@ from scipy.integrate import quad
 
 from snakeslam.gaits.catalogue import GaitSettings, resolve
 from snakeslam.head import direction
-from snakeslam.head.laws import shape_of
+from snakeslam.head.laws import HeadShape
 from snakeslam.head.neck import neck_of
 from snakeslam.robot.model import PRESETS
 from tests.head.plane import FLAT
@@ -89,7 +89,7 @@ def test_joint_angles_are_what_the_heading_turns_between_sections():
 def test_the_head_faces_the_direction_of_motion_at_every_phase(model, controller, alpha_pi):
     """The body's angles up to the neck and the neck's own add up to -phi of the tail; all within the limits."""
     gait = resolve(GaitSettings(alpha_pi=alpha_pi, wavelength_joints=20), model)
-    shape = shape_of(controller, model, neck_of(model, 6))
+    shape = HeadShape(controller, model, neck_of(model, 6))
     for sigma in np.linspace(0.0, 2.0 * np.pi, 37):
         q_rad, slope = shape(gait, float(sigma))
         tail = -alpha_pi * np.pi * np.cos(sigma)
@@ -104,5 +104,5 @@ def test_direction_control_bends_every_joint_of_the_neck_by_a_share():
     gait = resolve(GaitSettings(alpha_pi=0.5), FLAT)
     neck = neck_of(FLAT, 5)
     for sigma in (0.3, 2.0):
-        angles = shape_of("direction", FLAT, neck)(gait, sigma)[0][neck.joints]
+        angles = HeadShape("direction", FLAT, neck)(gait, sigma)[0][neck.joints]
         np.testing.assert_allclose(angles, angles[0], atol=1e-9)

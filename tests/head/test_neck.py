@@ -7,7 +7,7 @@ import pytest
 
 from snakeslam.errors import InputError
 from snakeslam.gaits.catalogue import GaitSettings, resolve
-from snakeslam.head.laws import check, largest_neck_angle, shape_of
+from snakeslam.head.laws import HeadShape, check, largest_neck_angle
 from snakeslam.head.neck import free_yaw_joints, neck_of
 from snakeslam.head.settings import HeadSettings
 from snakeslam.robot.model import PRESETS
@@ -67,7 +67,7 @@ def test_no_controller_touches_another_gait_or_the_body():
     neck = neck_of(FLAT, 6)
     body = np.setdiff1d(np.arange(FLAT.joint_count), neck.joints)
     for controller in ("direction", "position", "predictive"):
-        shape, plain = (shape_of(one, FLAT, neck) for one in (controller, "none"))
+        shape, plain = (HeadShape(one, FLAT, neck) for one in (controller, "none"))
         for name in ("sidewinding", "arc_rolling", "helix_rolling", "pedal"):
             gait = resolve(GaitSettings(name=name), FLAT)
             np.testing.assert_array_equal(shape(gait, 0.7), plain(gait, 0.7))
@@ -79,13 +79,13 @@ def test_no_controller_touches_another_gait_or_the_body():
 def test_a_turn_bends_the_neck_as_well():
     turned, straight = (resolve(GaitSettings(alpha_pi=0.3), FLAT, turn) for turn in (0.5, 0.0))
     neck = neck_of(FLAT, 6)
-    shape = shape_of("position", FLAT, neck)
+    shape = HeadShape("position", FLAT, neck)
     bent = shape(turned, 1.0)[0] - shape(straight, 1.0)[0]
     np.testing.assert_allclose(bent[FLAT.is_yaw], turned.shape.beta_o, atol=1e-9)
 
 
 def test_a_raised_neck_keeps_its_posture():
-    shape = shape_of("position", RAISED, neck_of(RAISED, 6))
+    shape = HeadShape("position", RAISED, neck_of(RAISED, 6))
     q_rad, slope = shape(serpentine(0.5, RAISED), 0.9)
     joints = list(RAISED.head_raise_joints)
     np.testing.assert_array_equal(q_rad[joints], RAISED.rest_q_rad[joints])

@@ -7,7 +7,7 @@ from scipy.integrate import quad
 from snakeslam.gaits.catalogue import GaitSettings, resolve
 from snakeslam.geometry import se3, so3
 from snakeslam.head import position
-from snakeslam.head.laws import shape_of
+from snakeslam.head.laws import HeadShape
 from snakeslam.head.neck import neck_of
 from snakeslam.robot.kinematics import link_poses
 from tests.head.plane import FLAT
@@ -159,7 +159,7 @@ def test_curvature_and_heading_belong_together_and_the_heading_has_no_step(alpha
 def head_of_the_chain(controller, alpha_pi, sigma, joints=6):
     """(y, yaw) of s_N on the chain of straight sections whose tail lies on the serpenoid, from Eq. (21)."""
     gait = resolve(GaitSettings(alpha_pi=alpha_pi), FLAT)
-    q_rad, _ = shape_of(controller, FLAT, neck_of(FLAT, joints))(gait, sigma)
+    q_rad, _ = HeadShape(controller, FLAT, neck_of(FLAT, joints))(gait, sigma)
     alpha = -alpha_pi * np.pi
     tail = se3.from_rt(so3.from_yaw(alpha * np.cos(sigma)), np.zeros(3))
     tail[1, 3] = position.lateral_position_m(alpha, B, sigma)

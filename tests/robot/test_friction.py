@@ -5,7 +5,7 @@ import pytest
 from scipy import optimize
 
 from snakeslam.geometry import se3, so3
-from snakeslam.robot.friction import link_motion, resistive_map
+from snakeslam.robot.friction import resistive_map
 from snakeslam.robot.kinematics import link_poses_from_imu
 from snakeslam.robot.model import PRESETS
 from snakeslam.robot.support import posture_loads
@@ -82,19 +82,34 @@ def test_the_motion_is_the_one_of_least_dissipation():
     np.testing.assert_allclose(twist, found.x, atol=1e-4 * np.linalg.norm(twist))
 
 
-def test_links_move_as_the_kinematics_say_in_three_dimensions():
+def test_the_map_is_the_least_squares_of_the_links_own_rows_in_three_dimensions():
+    """With pitch joints bent and moving, and the head tilted: rows A x + B dq of each link by differences."""
     rng = np.random.default_rng(4)
-    q_rad = rng.uniform(-0.7, 0.7, MODEL.joint_count)
-    T_WI = se3.from_rt(so3.exp(rng.normal(size=3)), rng.normal(size=3))
-    dq_rad_s = rng.normal(size=MODEL.joint_count)
+    q_rad, ratio = rng.uniform(-0.5, 0.5, MODEL.joint_count), 4.0
+    T_WI = se3.from_rt(so3.exp(0.3 * rng.normal(size=3)), rng.normal(size=3))
+    loads = rng.uniform(0.2, 2.0, MODEL.link_count)
     Ts = link_poses_from_imu(MODEL, q_rad, T_WI)
-    ahead, behind = (link_poses_from_imu(MODEL, q_rad + h * dq_rad_s, T_WI) for h in (H, -H))
-    velocity, turn = link_motion(MODEL, Ts)
-    np.testing.assert_allclose(
-        velocity @ dq_rad_s, (se3.act(ahead, MODEL.com_L) - se3.act(behind, MODEL.com_L)) / (2.0 * H), atol=1e-7
-    )
-    spun = so3.log(ahead[:, :3, :3] @ np.swapaxes(behind[:, :3, :3], 1, 2)) / (2.0 * H)
-    np.testing.assert_allclose(turn @ dq_rad_s, spun, atol=1e-7)
+    along = Ts[:, :2, 0] / np.linalg.norm(Ts[:, :2, 0], axis=1)[:, None]
+    axes = np.stack([along, np.sqrt(ratio) * np.stack([-along[:, 1], along[:, 0]], axis=1)], axis=1)
+    axes = axes * np.sqrt(loads)[:, None, None]
+    spin = np.sqrt(loads * ratio / 12.0) * MODEL.joint_length_m
+
+    def rows(velocity, turn_z):
+        return np.concatenate([np.einsum("nij,nj->ni", axes, velocity).ravel(), spin * turn_z])
+
+    def moved(dq):
+        ahead, behind = (link_poses_from_imu(MODEL, q_rad + h * dq, T_WI) for h in (H, -H))
+        velocity = (se3.act(ahead, MODEL.com_L) - se3.act(behind, MODEL.com_L)) / (2.0 * H)
+        turn = so3.log(ahead[:, :3, :3] @ np.swapaxes(behind[:, :3, :3], 1, 2)) / (2.0 * H)
+        return rows(velocity[:, :2], turn[:, 2])
+
+    arms = se3.act(Ts, MODEL.com_L)[:, :2] - T_WI[:2, 3]
+    ones, zeros = np.ones(len(arms)), np.zeros(len(arms))
+    rigid = [np.stack([ones, zeros], 1), np.stack([zeros, ones], 1), np.stack([-arms[:, 1], arms[:, 0]], 1)]
+    A = np.stack([rows(v, turn) for v, turn in zip(rigid, (zeros, zeros, ones), strict=True)], axis=1)
+    B = np.stack([moved(dq) for dq in np.eye(MODEL.joint_count)], axis=1)
+    expected = -np.linalg.lstsq(A, B, rcond=None)[0]
+    np.testing.assert_allclose(resistive_map(MODEL, q_rad, T_WI, loads, ratio), expected, atol=1e-6)
 
 
 @pytest.mark.parametrize("model", [FLAT, MODEL], ids=["flat", "raised"])

@@ -18,7 +18,7 @@ from snakeslam.studies.point import Measured, run_point
 from snakeslam.studies.rows import Row
 from snakeslam.studies.study import Point, Study, load_study
 from snakeslam.studies.sweep import run_study
-from snakeslam.studies.table import deviation, markdown
+from snakeslam.studies.table import deviation, markdown, spread
 from snakeslam.studies.workers import Failure, work_through
 
 TINY: dict[str, Any] = {
@@ -339,6 +339,15 @@ def test_the_reference_is_set_beside_with_its_rms_deviation(tmp_path: Path) -> N
         "| Paper | 0.100 | 0.200 |  |",
         "| measured | 0.110 | 0.180 | 10.0 % |",
     ]
+
+
+def test_the_mean_of_equal_seeds_is_within_their_range(tmp_path: Path) -> None:
+    """numpy's mean of three times .1 is above .1, and a negative error bar cannot be drawn."""
+    study = load_study(write(tmp_path, lambda tree: one_run(tree) or tree.update(seeds=[1, 2, 3])))
+    found = spread([_row(study, k, 0.1) for k in range(3)], "sway_pp_m")
+    assert found is not None
+    assert np.mean([0.1] * 3) > 0.1
+    assert found.lowest == found.mean == found.highest == 0.1
 
 
 def test_the_table_tells_the_range_where_seeds_differ(tmp_path: Path) -> None:

@@ -29,6 +29,8 @@ from snakeslam.geometry import se3, so3
 from snakeslam.messages import CameraFrame, Float, Health, ImuSample, Packet, PoseEstimate, Verdict
 
 POSE_AND_VELOCITY = slice(0, 9)
+REST_SPEED_M_S = 0.015
+"""Faster than this by its own reckoning it is not at rest: a slow way along the view hardly moves the picture."""
 CLOCK_SET_BACK_FRAMES = 10
 MAX_SIGMA_RECKONED_M = 0.3
 
@@ -122,6 +124,8 @@ class VisualInertialOdometry:
         """Correct the propagated state by what is seen, and judge."""
         features, state, health = seen.features, window.state, self._settings.health
         rest = self._rest.see(seen.t_ns, features, self._imu.recent(seen.t_ns - REST_NS), state.bias_g)
+        if float(np.linalg.norm(state.v_W)) > REST_SPEED_M_S:
+            rest = None
         if features.frozen and rest is not None:
             window.hold(rest)
         report = Report.none() if features.frozen else window.correct(features, rest)

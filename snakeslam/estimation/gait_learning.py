@@ -12,7 +12,8 @@ WALK_PER_S = 0.001
 """Growth of the variance of log(ratio), 1/s: another ground comes slowly."""
 SCALE_TIME_S = 3.0
 MAX_STEP = 10.0
-LEAST_SCALE, MOST_SCALE = 0.5, 20.0
+LEAST_SCALE, MOST_SCALE = 1.0, 20.0
+"""Less is not believed: the filter's own covariance, too, is in what it is learnt from."""
 MAX_RATIO = 20.0
 
 

@@ -20,7 +20,7 @@ class GaitSensorSettings(Settings):
     """How often the balance of friction is solved; at least once between two frames."""
     slip_scale: Positive = 1.5
     """Error of the velocity, in sigmas of the scatter of the links' slips; it is estimated from then on."""
-    slip_time_s: Positive = 0.4
+    slip_time_s: Positive = 0.5
     """Time over which that error lasts."""
     max_inflation: Annotated[float, Field(ge=1)] = 4.0
     """A motion that the filter does not expect is taken with a sigma larger by up to this factor, then left out."""

@@ -232,8 +232,9 @@ def follow(
     spoil: Callable[[Packet], Packet | None] = lambda packet: packet,
     between_s: tuple[float, float] = COVERED_S,
     freeze: bool = False,
+    aid: GaitAid | None = None,
 ) -> list[FrameEstimate]:
-    aid = GaitAid(MODEL, GAIT) if fused else None
+    aid = (aid or GaitAid(MODEL, GAIT)) if fused else None
     frontend = Covered(crawled, SETTINGS.noise, between_s, freeze)
     odometry = VisualInertialOdometry(SETTINGS, crawled.rig, 0, frontend, aid)
     packets = (spoil(packet) for packet in crawled.packets)
@@ -280,6 +281,15 @@ def test_with_a_camera_it_does_no_harm(serpentine: Crawl) -> None:
         for fused in (True, False)
     ]
     assert rms[0] < 1.1 * rms[1]
+
+
+def test_the_ratio_of_friction_is_found(serpentine: Crawl) -> None:
+    """Of a ground of ratio 3, from 1.2 and from 8; the wrong start does no harm."""
+    for start in (1.2, 8.0):
+        aid = GaitAid(MODEL, GaitSensorSettings(friction_ratio=start))
+        estimates = follow(serpentine, True, between_s=(9, 9), aid=aid)
+        assert aid.slip.ratio == pytest.approx(3.0, rel=0.35)
+        assert max(float(np.linalg.norm(e)) for _, e, _ in errors(serpentine, estimates)) < 0.03
 
 
 def bad_joints(kind: str) -> Callable[[Packet], Packet | None]:

@@ -21,6 +21,9 @@ from snakeslam.robot.model import SnakeModel
 NS = 1e-9
 JOINTS_LAST_NS = 100_000_000
 """Joint states this far apart, or this old, tell nothing of what is between or after."""
+KEPT_NS = 5_000_000_000
+CLOCK_SET_BACK_STATES = 10
+"""So many states in a row that are late are those of a clock that has been set back."""
 MAX_STEPS = 12
 MAX_RATE_RAD_S = 50.0
 STILL_RAD_S = 0.03
@@ -50,15 +53,21 @@ class JointHistory:
         self._count = count
         self._states: list[JointState] = []
         self._bad = 0
+        self._late = 0
 
     def add(self, joints: JointState) -> None:
         """Take the next state; one that is late, not finite, not possible or of another robot is counted."""
         right = joints.q_rad.shape == joints.dq_rad_s.shape == (self._count,)
         late = bool(self._states) and joints.t_ns <= self._states[-1].t_ns
+        self._late = self._late + 1 if late else 0
+        if self._late >= CLOCK_SET_BACK_STATES:
+            self._states.clear()
+            late = False
         if late or not right or not self._possible(joints):
             self._bad += 1
             return
         self._states.append(joints)
+        self.forget_before(joints.t_ns - KEPT_NS)
 
     @staticmethod
     def _possible(joints: JointState) -> bool:
@@ -87,15 +96,17 @@ class JointHistory:
         gaps = np.diff([*times, end_ns])
         return bool(np.all(gaps <= JOINTS_LAST_NS))
 
+    def _between(self, start_ns: int, end_ns: int) -> list[JointState]:
+        first = bisect_left(self._states, start_ns, key=_time)
+        return self._states[first : bisect_right(self._states, end_ns, key=_time)]
+
     def age_ns(self, t_ns: int) -> int:
         """Return how long before ``t_ns`` the last state was; without any as if since time 0."""
         return t_ns - (self._states[-1].t_ns if self._states else 0)
 
     def mean(self, start_ns: int, end_ns: int) -> tuple[Float, Float]:
         """Return the angles in the middle of a span and the mean rates over it, (N,) each, carried on by the rates."""
-        near = self._states[
-            bisect_left(self._states, start_ns, key=_time) : bisect_right(self._states, end_ns, key=_time)
-        ]
+        near = self._between(start_ns, end_ns)
         if not near:
             near = [self._states[max(0, bisect_right(self._states, start_ns, key=_time) - 1)]]
         dq_rad_s = np.mean([s.dq_rad_s for s in near], axis=0)
@@ -105,7 +116,7 @@ class JointHistory:
 
     def stuck(self, start_ns: int, end_ns: int) -> bool:
         """Whether the angles do not follow their own rates."""
-        near = [s for s in self._states if start_ns - JOINTS_LAST_NS <= s.t_ns <= end_ns]
+        near = self._between(start_ns - JOINTS_LAST_NS, end_ns)
         if len(near) < 2:
             return False
         dt_s = np.diff([s.t_ns for s in near])[:, None] * NS

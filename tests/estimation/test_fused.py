@@ -141,6 +141,16 @@ def test_joints_at_rest_tell_nothing() -> None:
     assert GaitOdometer(MODEL, GAIT).reckon(history, 0, 100_000_000, turn, np.eye(3), 3.0) is None
 
 
+def test_a_clock_that_jumps_is_lived_through() -> None:
+    """One stamp far ahead makes the next ones late; after ten of them the history goes on with theirs."""
+    history = JointHistory(35)
+    for t_s in (0.1, 0.11, 500.0, *(0.12 + 0.01 * k for k in range(20))):
+        history.add(winding(t_s))
+    assert history.take_bad_count() == 9
+    assert history.covers(230_000_000, 310_000_000)
+    assert not history.covers(100_000_000, 310_000_000)
+
+
 def test_ratio_and_error_are_learnt(rng: np.random.Generator) -> None:
     """Ways of a ground with ratio 6 and errors of 3 sigmas, seen by an exact filter."""
     slip = SlipModel(GAIT)

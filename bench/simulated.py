@@ -5,6 +5,7 @@ They go straight to the filter, past all pictures, so that what its covariance s
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -100,10 +101,33 @@ class SwingingHead:
         return phi / dt, np.einsum("nji,nj->ni", middle, force)
 
 
+class Head(Protocol):
+    """What is seen from: a motion, and how it is seen."""
+
+    @property
+    def seed(self) -> int:
+        """What draws the room and the noise."""
+        ...
+
+    @property
+    def tracks(self) -> int:
+        """Points followed at most."""
+        ...
+
+    @property
+    def depth(self) -> bool:
+        """Whether their depth is measured."""
+        ...
+
+    def pose(self, t_s: Float) -> tuple[Float, Float]:
+        """Return R_WI (N, 3, 3) and p_WI (N, 3)."""
+        ...
+
+
 class SimulatedFrontend:
     """Points on the walls of a room, followed without any picture."""
 
-    def __init__(self, head: SwingingHead, noise: NoiseSettings) -> None:
+    def __init__(self, head: Head, noise: NoiseSettings) -> None:
         self._head = head
         self._noise = noise
         self._rng = np.random.default_rng([head.seed, 2])

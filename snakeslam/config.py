@@ -11,7 +11,7 @@ from pydantic import Field, ValidationError
 from pydantic_core import ErrorDetails
 
 from snakeslam.backends.sim.settings import SimSettings
-from snakeslam.errors import InputError, NotBuiltError
+from snakeslam.errors import InputError
 from snakeslam.estimation.settings import EstimatorSettings
 from snakeslam.gaits.catalogue import GaitSettings
 from snakeslam.head.settings import HeadSettings
@@ -78,7 +78,7 @@ def parse_override(text: str) -> Override:
 def load_config(path: Path | None = None, overrides: Sequence[str | Override] = ()) -> Config:
     """Return the settings of ``path`` (the defaults without one) with ``overrides`` on top.
 
-    InputError names the file (or --set), the key, the value and what is allowed; NotBuiltError a mode still to come.
+    InputError names the file (or --set), the key, the value and what is allowed.
     """
     return _build({} if path is None else read_tree(path), overrides, path)
 
@@ -104,14 +104,7 @@ def _build(tree: dict[str, Any], overrides: Sequence[str | Override], path: Path
         config = Config.model_validate(tree)
     except ValidationError as error:
         raise input_error(error.errors()[0], where) from error
-    check_built(config, where)
     return config
-
-
-def check_built(config: Config, where: Callable[[str], str] = str) -> None:
-    """Raise NotBuiltError for a mode that this version does not have."""
-    if config.estimator.mode == "fused":
-        raise NotBuiltError(where("estimator.mode"), config.estimator.mode, "visual, vio, planar, gait")
 
 
 class _UniqueKeyLoader(yaml.SafeLoader):

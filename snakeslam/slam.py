@@ -1,8 +1,9 @@
 """One page: packets in, estimates and map changes out. No clock, thread, file or socket."""
 
 from snakeslam.calibration import SensorRig
-from snakeslam.errors import NotBuiltError
+from snakeslam.errors import InputError
 from snakeslam.estimation.base import Estimator, FrameEstimate
+from snakeslam.estimation.gait_aid import GaitAid
 from snakeslam.estimation.planar_odometry import GaitOdometry, PlanarOdometry
 from snakeslam.estimation.settings import EstimatorSettings
 from snakeslam.estimation.vio import VisualInertialOdometry
@@ -16,7 +17,7 @@ from snakeslam.robot.model import SnakeModel
 def build_estimator(
     settings: EstimatorSettings, rig: SensorRig, seed: int, model: SnakeModel | None = None
 ) -> Estimator:
-    """Return the estimator that ``settings.mode`` names; NotBuiltError for one that is still to come."""
+    """Return the estimator that ``settings.mode`` names; InputError when it needs a sensor that is not there."""
     if settings.mode == "visual":
         return VisualOdometry(settings, rig, seed)
     if settings.mode == "vio":
@@ -25,7 +26,9 @@ def build_estimator(
         return PlanarOdometry(settings, VisualInertialOdometry(settings, rig, seed), model)
     if settings.mode == "gait":
         return GaitOdometry(settings, model)
-    raise NotBuiltError("estimator.mode", settings.mode, "visual, vio, planar, gait")
+    if model is None:
+        raise InputError("estimator.mode", "'fused' needs a robot's joints, and here are none", "visual, vio")
+    return VisualInertialOdometry(settings, rig, seed, gait=GaitAid(model, settings.gait))
 
 
 class Slam:

@@ -91,7 +91,6 @@ def test_commands_of_later_versions_say_so(cli: Cli, arguments: list[str]) -> No
             ["run", "{configs}/sim.yaml", "--set", "head.controller=position", "--set", "head.neck_joints=2"],
             "head.neck_joints: 2 yaw joints would bend",
         ),
-        (["run", "{configs}/sim.yaml", "--set", "estimator.mode=fused"], "'fused' is not built yet"),
         (["run", "{configs}/sim.yaml", "--set", "sim.world=moon"], "sim.world: 'moon' is not possible"),
         (["run", "none.yaml"], "none.yaml: no such configuration file"),
         (["replay", "nothing"], "nothing: no such recording"),

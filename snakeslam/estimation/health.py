@@ -16,7 +16,8 @@ class Evidence:
     """What one frame showed: features followed into it and rejected, how measurements agree, faults of the inputs.
 
     ``cov_v`` (3, 3) is the velocity's covariance, ``blind_s`` the time since a frame last supported the state,
-    ``resting`` that picture and IMU both say that nothing moves.
+    ``resting`` that picture and IMU both say that nothing moves, ``gait_holds`` that the gait's way was taken;
+    ``gait_faults`` are its faults in words.
     """
 
     followed: int
@@ -28,6 +29,8 @@ class Evidence:
     resting: bool
     imu_gap_s: float
     bad_samples: int
+    gait_holds: bool = False
+    gait_faults: tuple[str, ...] = ()
 
 
 def supports(evidence: Evidence, settings: HealthSettings) -> bool:
@@ -76,4 +79,9 @@ def _reasons(evidence: Evidence, settings: HealthSettings) -> tuple[str, ...]:
         (evidence.imu_gap_s > settings.max_imu_gap_s, f"IMU silent for {evidence.imu_gap_s * 1e3:.0f} ms"),
         (evidence.bad_samples > 0, f"{evidence.bad_samples} IMU samples were late, not numbers or not possible"),
     )
-    return tuple(words for holds, words in said if holds)
+    reckons = evidence.gait_holds and not supports(evidence, settings)
+    return (
+        *(words for holds, words in said if holds),
+        *evidence.gait_faults,
+        *(("dead reckoning on IMU and gait",) if reckons else ()),
+    )

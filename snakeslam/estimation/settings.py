@@ -4,6 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from snakeslam.estimation.gait_settings import GaitSensorSettings
 from snakeslam.estimation.planar_settings import PlanarSettings
 from snakeslam.estimation.visual_settings import VisualSettings
 from snakeslam.settings import Settings
@@ -79,3 +80,4 @@ class EstimatorSettings(Settings):
     health: HealthSettings = HealthSettings()
     visual: VisualSettings = VisualSettings()
     planar: PlanarSettings = PlanarSettings()
+    gait: GaitSensorSettings = GaitSensorSettings()

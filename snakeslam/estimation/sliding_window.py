@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from snakeslam.calibration import ImuCalibration
 from snakeslam.estimation.features import Features, promote
 from snakeslam.estimation.frontend import FrontendFrame
+from snakeslam.estimation.gait_rows import Carried, GaitRows, GaitWay
 from snakeslam.estimation.gating import Innovation
 from snakeslam.estimation.ieskf import Measurement, update
 from snakeslam.estimation.measurements import CameraRows, Observations
@@ -37,15 +38,16 @@ class Model:
 
 @dataclass(frozen=True, slots=True)
 class Report:
-    """What one frame did: ids to follow no longer, innovations of all that was tried."""
+    """What one frame did: ids to follow no longer, innovations of all that was tried, what became of the gait's way."""
 
     refused: NDArray[np.int64]
     innovations: tuple[Innovation, ...]
+    carried: Carried | None = None
 
     @staticmethod
-    def none() -> "Report":
+    def none(carried: Carried | None = None) -> "Report":
         """Return that of a frame without a picture."""
-        return Report(np.empty(0, np.int64), ())
+        return Report(np.empty(0, np.int64), (), carried)
 
 
 class SlidingWindow:
@@ -68,8 +70,8 @@ class SlidingWindow:
             state.widen(THETA, (GAP_RATE_RAD_S * blind_s) ** 2)
             state.widen(V, (GAP_ACCEL_M_S2 * blind_s) ** 2)
 
-    def correct(self, frame: FrontendFrame, rest: Rest | None = None) -> Report:
-        """Take the features of a frame at the state's time, and that the head is at rest when it is."""
+    def correct(self, frame: FrontendFrame, rest: Rest | None = None, way: GaitWay | None = None) -> Report:
+        """Take the features of a frame at the state's time, that the head is at rest when it is, the gait's way."""
         state, tracks = self.state, self._tracks
         state.add_clone()
         state.keep_landmarks(among(state.landmarks.ids, frame.ids))
@@ -84,18 +86,30 @@ class SlidingWindow:
         features, tried = self._features(chosen)
         measurements: list[Measurement] = [m for m in (features, sightings) if len(m)]
         measurements += self._at_rest(rest, True)
+        rows = GaitRows.of(way, len(state.clones) - 2) if way is not None else None
+        taken = rows.gated(state, self._settings.gait.max_inflation) if rows is not None else None
+        measurements += [taken] if taken is not None else []
         update(state, measurements, self._settings.max_iterations)
+        carried = rows.carried(state, taken is not None) if rows is not None else None
         self._promote(features, tracks.ids[ripe])
         refused = self._refused(tracks.ids[ripe & tracks.has_depth], features)
         tracks.keep(~(lost | ripe))
         if leaving is not None:
             tracks.forget_column(leaving)
             state.drop_clone(leaving)
-        return Report(refused, (seen, tried))
+        return Report(refused, (seen, tried), carried)
 
     def hold(self, rest: Rest) -> None:
         """Take that the head is at rest, at a time without a picture of its own."""
         update(self.state, self._at_rest(rest, False), self._settings.max_iterations)
+
+    def carry(self, way: GaitWay) -> Report:
+        """Take the velocity that the gait tells, at a time without a picture of its own."""
+        rows = GaitRows.of(way, None)
+        taken = rows.gated(self.state, self._settings.gait.max_inflation)
+        if taken is not None:
+            update(self.state, [taken], self._settings.max_iterations)
+        return Report.none(rows.carried(self.state, taken is not None))
 
     def _at_rest(self, rest: Rest | None, has_clone: bool) -> list[AtRest]:
         if rest is None:

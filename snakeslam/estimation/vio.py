@@ -1,5 +1,7 @@
 """estimator.mode = vio: tightly coupled vision and IMU in an iterated error-state filter over a window of clones.
 
+With a gait beside them it is ``fused``.
+
 For each frame: propagate by the pre-integrated IMU, follow features, clone the pose, update with what left the window
 or was lost and with the landmarks in view, shrink the window, judge.
 """
@@ -15,6 +17,7 @@ from snakeslam.errors import InputError
 from snakeslam.estimation.base import FrameEstimate
 from snakeslam.estimation.camera import PinholeCamera
 from snakeslam.estimation.frontend import Frontend, FrontendFrame
+from snakeslam.estimation.gait_aid import GaitAid
 from snakeslam.estimation.gating import Agreement
 from snakeslam.estimation.health import Evidence, judge, supports
 from snakeslam.estimation.measurements import CameraRows
@@ -24,9 +27,9 @@ from snakeslam.estimation.settings import EstimatorSettings
 from snakeslam.estimation.sliding_window import Model, Report, SlidingWindow
 from snakeslam.estimation.starting import AT_REST, Seen, Starter
 from snakeslam.estimation.state import P, State, V
-from snakeslam.estimation.stillness import REST_NS, RestDetector
+from snakeslam.estimation.stillness import REST_NS, Rest, RestDetector
 from snakeslam.geometry import se3, so3
-from snakeslam.messages import CameraFrame, Float, Health, ImuSample, Packet, PoseEstimate, Verdict
+from snakeslam.messages import CameraFrame, Float, Health, ImuSample, JointState, Packet, PoseEstimate, Verdict
 
 POSE_AND_VELOCITY = slice(0, 9)
 REST_SPEED_M_S = 0.015
@@ -51,16 +54,23 @@ class VisualInertialOdometry:
     """Packets in, one estimate a frame out."""
 
     def __init__(
-        self, settings: EstimatorSettings, rig: SensorRig, seed: int, frontend: FeatureSource | None = None
+        self,
+        settings: EstimatorSettings,
+        rig: SensorRig,
+        seed: int,
+        frontend: FeatureSource | None = None,
+        gait: GaitAid | None = None,
     ) -> None:
         if rig.imu0 is None:
-            raise InputError("estimator.mode", "'vio' needs an IMU, and this recording has none", "visual")
+            mode = "vio" if gait is None else "fused"
+            raise InputError("estimator.mode", f"'{mode}' needs an IMU, and this recording has none", "visual")
         self._settings = settings
         camera = PinholeCamera(rig.cam0)
         self._model = _model(settings, rig, rig.imu0, camera.focal_px)
         self._shift_ns = round(rig.cam0.timeshift_cam_imu * 1e9)
         self._frontend: FeatureSource = frontend or Frontend(settings.frontend, camera, seed)
         self._imu = ImuBuffer(rig.imu0)
+        self._gait = gait
         self._starter = Starter(settings, self._model)
         self._rest = RestDetector(rig.imu0, camera.focal_px)
         self._filter: SlidingWindow | None = None
@@ -80,6 +90,8 @@ class VisualInertialOdometry:
         """Take one packet; return an estimate for a camera frame."""
         if isinstance(packet, ImuSample):
             self._imu.add(packet)
+        elif isinstance(packet, JointState) and self._gait is not None:
+            self._gait.take(packet)
         return self._take_frame(packet) if isinstance(packet, CameraFrame) else None
 
     # -- Time ---------------------------------------------------------------------------------------------------------
@@ -114,6 +126,8 @@ class VisualInertialOdometry:
         if self._filter is not None:
             self._reset(self._filter.state)
         self._imu.clear()
+        if self._gait is not None:
+            self._gait.clear()
         self._last_ns = self._picture_ns = None
         self._back_ns.clear()
         return _estimate(frame, None, None, Health(Verdict.LOST, (*reasons, "the clock was set back")), ("reset",))
@@ -124,11 +138,9 @@ class VisualInertialOdometry:
         """Correct the propagated state by what is seen, and judge."""
         features, state, health = seen.features, window.state, self._settings.health
         rest = self._rest.see(seen.t_ns, features, self._imu.recent(seen.t_ns - REST_NS), state.bias_g)
-        if float(np.linalg.norm(state.v_W)) > REST_SPEED_M_S:
+        if _moves(state):
             rest = None
-        if features.frozen and rest is not None:
-            window.hold(rest)
-        report = Report.none() if features.frozen else window.correct(features, rest)
+        report = self._correct(seen, window, rest)
         self._frontend.drop(report.refused)
         evidence = Evidence(
             followed=features.followed,
@@ -141,11 +153,26 @@ class VisualInertialOdometry:
             imu_gap_s=gap_s,
             bad_samples=self._imu.take_bad_count(),
         )
+        if self._gait is not None:
+            holds = self._gait.hear(report.carried, supports(evidence, health))
+            evidence = replace(evidence, gait_holds=holds, gait_faults=self._gait.reasons)
+            health = health.model_copy(update={"max_blind_s": self._gait.settings.max_blind_s}) if holds else health
         if supports(evidence, health):
             self._supported_ns = seen.t_ns
             self._anchor = (float(so3.yaw(state.R_WI)), state.p_WI)
             evidence = replace(evidence, blind_s=0.0)
         return self._conclude(frame, seen, state, judge(evidence, health))
+
+    def _correct(self, seen: Seen, window: SlidingWindow, rest: Rest | None) -> Report:
+        """Take the picture, rest and gait into the filter; a picture that does not change is none."""
+        way = self._gait.tell(window.state, self._imu, seen.t_ns, seen.features.frozen) if self._gait else None
+        if rest is not None:
+            way = None
+        if not seen.features.frozen:
+            return window.correct(seen.features, rest, way)
+        if rest is not None:
+            window.hold(rest)
+        return window.carry(way) if way is not None else Report.none()
 
     def _conclude(self, frame: CameraFrame, seen: Seen, state: State, health: Health) -> FrameEstimate:
         """Publish; start anew when the filter is lost."""
@@ -207,6 +234,12 @@ class VisualInertialOdometry:
         """Return T_C1C0 of the gait's roll alone."""
         roll_rad = None if self._picture_ns is None else self._roll.between(self._picture_ns, t_ns)
         return np.eye(4) if roll_rad is None else se3.from_rt(with_roll(np.eye(3), -roll_rad), np.zeros(3))
+
+
+def _moves(state: State) -> bool:
+    """Return whether the filter is sure of its own that it moves."""
+    sigma_v = float(np.sqrt(np.linalg.eigvalsh(state.cov[V, V])[-1]))
+    return float(np.linalg.norm(state.v_W)) > REST_SPEED_M_S + 3.0 * sigma_v
 
 
 def _estimate(

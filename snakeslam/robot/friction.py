@@ -63,11 +63,15 @@ def _turns(model: SnakeModel, Ts_WL: Float, origin_W: Float) -> Float:
 
 @dataclass(frozen=True, slots=True)
 class Sliding:
-    """The head's velocity ``v_I`` (3,) m/s with its covariance (3, 3), and the ground it follows from."""
+    """The head's velocity ``v_I`` (3,) m/s with its covariance (3, 3), and the ground it follows from.
+
+    ``v_D_log_ratio`` (3,) is its derivative by the logarithm of the ratio of friction.
+    """
 
     v_I: Float
     cov: Float
     ground: Ground
+    v_D_log_ratio: Float
 
 
 def sliding_velocity(
@@ -103,7 +107,9 @@ def sliding_velocity(
     slip = v_I + u_I
     share = loads / loads.sum()
     scatter = (slip * share[:, None]).T @ slip
-    return Sliding(v_I, scatter * float(share @ share) + FLOOR_M_S**2 * np.eye(3), ground)
+    cov = scatter * float(share @ share) + FLOOR_M_S**2 * np.eye(3)
+    along_I = _along(Ts_IL[link, :3, 0], ground.normal_I)
+    return Sliding(v_I, cov, ground, _by_log_ratio(slip, loads, metric, along_I, ratio))
 
 
 def contact_velocities(
@@ -119,8 +125,26 @@ def contact_velocities(
     return shift[link] + np.cross(w_links[link] + w_I, points_I)
 
 
-def _metric(along_I: Float, normal_I: Float, ratio: float) -> Float:
+def _metric(axes_I: Float, normal_I: Float, ratio: float) -> Float:
     """Return what friction weighs a slip with, (M, 3, 3): 1 along the link on the ground, ``ratio`` across."""
-    t = along_I - (along_I @ normal_I)[:, None] * normal_I
-    t = t / np.maximum(np.linalg.norm(t, axis=1), 1e-9)[:, None]
+    t = _along(axes_I, normal_I)
     return ratio * np.eye(3) - (ratio - 1.0) * t[:, :, None] * t[:, None, :]
+
+
+def _along(axes_I: Float, normal_I: Float) -> Float:
+    """Return the directions of links on the ground, (M, 3)."""
+    t = axes_I - (axes_I @ normal_I)[:, None] * normal_I
+    return t / np.maximum(np.linalg.norm(t, axis=1), 1e-9)[:, None]
+
+
+def _by_log_ratio(slip: Float, loads: Float, metric: Float, along_I: Float, ratio: float) -> Float:
+    """Return dv/d(log ratio) (3,) where the friction F(v, ratio) = sum N M s / n, n = sqrt(s^2 + eps^2), stays zero.
+
+    dv = -(dF/dv)^-1 (dF/dratio) ratio, with dF/dv = sum N M (I - s s^T / n^2) / n and dM/dratio = I - t t^T.
+    """
+    n = np.sqrt(np.einsum("ci,ci->c", slip, slip) + SLIP_M_S**2)
+    weights = loads / n
+    bent = np.eye(3) - slip[:, :, None] * slip[:, None, :] / (n**2)[:, None, None]
+    F_v = np.einsum("c,cij,cjk->ik", weights, metric, bent)
+    across = slip - along_I * np.einsum("ci,ci->c", along_I, slip)[:, None]
+    return -ratio * np.linalg.solve(F_v, weights @ across)

@@ -1,0 +1,371 @@
+"""The gait as a sensor: its rows, its reckoning, what it is worth without a camera, and what bad joints do."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from bench.simulated import RIG, SimulatedFrontend
+from snakeslam.calibration import SensorRig
+from snakeslam.errors import InputError
+from snakeslam.estimation.base import FrameEstimate
+from snakeslam.estimation.frontend import FrontendFrame
+from snakeslam.estimation.gait_aid import GaitAid
+from snakeslam.estimation.gait_learning import SlipModel
+from snakeslam.estimation.gait_odometry import GaitOdometer, JointHistory, Reckoned
+from snakeslam.estimation.gait_rows import GaitRows, GaitWay
+from snakeslam.estimation.gait_settings import GaitSensorSettings
+from snakeslam.estimation.preintegration import ImuSegments
+from snakeslam.estimation.settings import EstimatorSettings, NoiseSettings
+from snakeslam.estimation.state import CORE, State
+from snakeslam.estimation.vio import VisualInertialOdometry
+from snakeslam.gaits.catalogue import GaitName, GaitSettings
+from snakeslam.geometry import numeric, so3
+from snakeslam.messages import CameraFrame, Float, GaitCommand, JointState, Packet, Verdict
+from snakeslam.robot.friction import sliding_velocity
+from snakeslam.robot.model import PRESETS
+from snakeslam.slam import build_estimator
+
+MODEL = PRESETS["sim35"]
+SETTINGS = EstimatorSettings()
+GAIT = GaitSensorSettings()
+FRAME_NS = 50_000_000
+NOTHING = np.zeros(35)
+COVERED_S = (2.5, 4.5)
+DURATION_S = 5.5
+
+
+# -- Rows and reckoning -----------------------------------------------------------------------------------------------
+
+
+def state(rng: np.random.Generator) -> State:
+    """Two clones and a state that has gone on from the second."""
+    R = so3.exp(np.array([0.3, -0.2, 1.0]))
+    at = State(0, R, np.ones(3), np.array([0.3, -0.1, 0.2]), np.zeros(3), np.zeros(3), np.eye(CORE) * 1e-4)
+    at.add_clone()
+    at.add_clone()
+    at.R_WI, at.p_WI = R @ so3.exp(rng.normal(0, 0.2, 3)), at.p_WI + rng.normal(0, 0.2, 3)
+    at.R_fej, at.p_fej = at.R_WI, at.p_WI
+    return at
+
+
+def way(dp_I: Float, v_I: Float, sigma_v: float = 0.1) -> GaitWay:
+    told = Reckoned(0.05, dp_I, v_I, sigma_v**2 * np.eye(3), np.zeros(3))
+    return GaitWay(told, (sigma_v * 0.05) ** 2 * (np.eye(3) + 0.3 * np.ones((3, 3))))
+
+
+@pytest.mark.parametrize("before", [0, 1, None])
+def test_jacobian_of_the_rows(rng: np.random.Generator, before: int | None) -> None:
+    """R_k^T (p - p_k), and R^T v, against a numeric derivative at the first estimates."""
+    told = way(rng.normal(size=3), rng.normal(size=3))
+    moved, start = state(np.random.default_rng(1)), state(np.random.default_rng(1))
+    rows = GaitRows.of(told, before)
+
+    def residual(d: Float) -> Float:
+        other = state(np.random.default_rng(1))
+        other.plus(d)
+        return rows.residual(other)
+
+    np.testing.assert_allclose(-rows.jacobian(start), numeric.jacobian(residual, moved.size), atol=1e-5)
+
+
+def test_rows_know_nothing_of_place_and_yaw(rng: np.random.Generator) -> None:
+    """A shift of all, and a turn of all about z, change no row, at first estimates that differ from the state."""
+    at = state(rng)
+    at.p_WI, at.R_WI = at.p_WI + 0.01, at.R_WI @ so3.exp(np.full(3, 0.02))
+    H = GaitRows.of(way(np.zeros(3), np.zeros(3)), 0).jacobian(at)
+    up = np.array([0.0, 0.0, 1.0])
+    shift, turn = np.zeros((at.size, 3)), np.zeros(at.size)
+    for k, (R, p) in enumerate([(at.R_fej, at.p_fej), *zip(at.clones.R_fej, at.clones.p_fej, strict=True)]):
+        start = 0 if k == 0 else at.clone_slice(k - 1).start
+        shift[start + 3 : start + 6] = np.eye(3)
+        turn[start : start + 3], turn[start + 3 : start + 6] = R.T @ up, np.cross(up, p)
+    assert np.max(np.abs(H)) > 1.0
+    np.testing.assert_allclose(H @ shift, 0.0, atol=1e-9)
+    np.testing.assert_allclose(H @ turn, 0.0, atol=1e-9)
+
+
+def test_a_way_that_is_not_expected_is_inflated_then_left_out(rng: np.random.Generator) -> None:
+    at = state(rng)
+    at.cov *= 1e-6
+    expected = GaitRows.of(way(np.zeros(3), np.zeros(3)), 1).foreseen(at)
+    for sigmas, factor in ((1.0, 1.0), (5.0, 2.0), (10.0, 4.0), (20.0, None)):
+        rows = GaitRows.of(way(expected, np.zeros(3)), 1)
+        rows.measured = expected + np.linalg.solve(rows.W, np.array([sigmas, 0.0, 0.0]))
+        taken = rows.gated(at, 4.0)
+        assert (None if taken is None else round(rows.W[0, 0] / taken.W[0, 0], 6)) == factor, sigmas
+
+
+def winding(t_s: float) -> JointState:
+    phase = 2.0 * np.pi * (np.arange(1, 36) / 20.0 + t_s / 4.0)
+    q, dq = (np.where(MODEL.is_yaw, a, 0.0) for a in (0.4 * np.sin(phase), 0.2 * np.pi * np.cos(phase)))
+    return JointState(round(t_s * 1e9), MODEL.rest_q_rad + q, dq, NOTHING, NOTHING)
+
+
+def test_the_velocity_changes_with_the_ratio_as_it_says() -> None:
+    now = winding(0.7)
+    up = np.array([0.0, 0.0, 1.0])
+
+    def velocity(d: Float) -> Float:
+        return sliding_velocity(MODEL, now.q_rad, now.dq_rad_s, NOTHING[:3], up, 3.0 * float(np.exp(d[0]))).v_I
+
+    told = sliding_velocity(MODEL, now.q_rad, now.dq_rad_s, NOTHING[:3], up, 3.0).v_D_log_ratio
+    assert np.linalg.norm(told) > 0.01
+    np.testing.assert_allclose(told, numeric.jacobian(velocity, 1, 0.01)[:, 0], atol=2e-3)
+
+
+def test_a_way_is_the_velocity_summed_in_the_frame_of_its_beginning() -> None:
+    """Coarse steps agree with fine ones while the head turns."""
+    history = JointHistory(35)
+    for k in range(51):
+        history.add(winding(0.01 * k))
+    turn = ImuSegments(np.tile([0.1, -0.1, 0.8], (100, 1)), np.zeros((100, 3)), np.full(100, 0.005))
+    ways: list[Float] = []
+    for rate_hz in (10.0, 24.0):
+        told = GaitOdometer(MODEL, GaitSensorSettings(rate_hz=rate_hz)).reckon(
+            history, 0, 500_000_000, turn, np.eye(3), 3.0
+        )
+        assert told is not None
+        assert told.dt_s == pytest.approx(0.5)
+        ways.append(told.dp_I)
+    assert np.linalg.norm(ways[1]) > 0.03
+    np.testing.assert_allclose(ways[0], ways[1], atol=0.002)
+
+
+def test_joints_at_rest_tell_nothing() -> None:
+    history = JointHistory(35)
+    for k in range(11):
+        history.add(JointState(k * 10_000_000, MODEL.rest_q_rad, NOTHING, NOTHING, NOTHING))
+    turn = ImuSegments(np.zeros((20, 3)), np.zeros((20, 3)), np.full(20, 0.005))
+    assert GaitOdometer(MODEL, GAIT).reckon(history, 0, 100_000_000, turn, np.eye(3), 3.0) is None
+
+
+def test_a_clock_that_jumps_is_lived_through() -> None:
+    """One stamp far ahead makes the next ones late; after ten of them the history goes on with theirs."""
+    history = JointHistory(35)
+    for t_s in (0.1, 0.11, 500.0, *(0.12 + 0.01 * k for k in range(20))):
+        history.add(winding(t_s))
+    assert history.take_bad_count() == 9
+    assert history.covers(230_000_000, 310_000_000)
+    assert not history.covers(100_000_000, 310_000_000)
+
+
+def test_ratio_and_error_are_learnt(rng: np.random.Generator) -> None:
+    """Ways of a ground with ratio 6 and errors of 3 sigmas, seen by an exact filter."""
+    slip = SlipModel(GAIT)
+    wrong = float(np.log(6.0 / 3.0))
+    for _ in range(400):
+        J = rng.normal(0, 0.005, 3)
+        told = Reckoned(0.05, (slip.log_ratio - np.log(3.0)) * J, np.zeros(3), 1e-4 * np.eye(3), J)
+        slip.learn(told, wrong * J + rng.normal(0, 3.0 * 0.01 * 0.05, 3), 1e-10 * np.eye(3))
+    assert slip.ratio == pytest.approx(6.0, rel=0.15)
+    assert slip.scale == pytest.approx(3.0, rel=0.3)
+    held = SlipModel(GaitSensorSettings(ratio_sigma=0.0))
+    held.learn(Reckoned(0.05, np.zeros(3), np.zeros(3), 1e-4 * np.eye(3), np.ones(3)), np.full(3, 0.01), np.eye(3))
+    assert held.ratio == pytest.approx(3.0)
+
+
+# -- A simulated crawl ------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Crawl:
+    """What the sensors of a simulated robot gave, and the true poses by time; also a head for ``SimulatedFrontend``."""
+
+    packets: tuple[Packet, ...]
+    rig: SensorRig
+    t_s: Float
+    T_WI: Float
+    seed: int = 0
+    tracks: int = 80
+    depth: bool = True
+
+    def pose(self, t_s: Float) -> tuple[Float, Float]:
+        at = np.clip(np.searchsorted(self.t_s, t_s - 1e-6), 0, len(self.t_s) - 1)
+        return self.T_WI[at, :3, :3], self.T_WI[at, :3, 3]
+
+
+def crawl(name: GaitName) -> Crawl:
+    """Physics, IMU and servos as in a run; frames are empty, what they show comes from a simulated front-end."""
+    pytest.importorskip("pybullet")
+    from snakeslam.backends.sim.backend import SimBackend
+    from snakeslam.backends.sim.settings import SimSettings
+    from snakeslam.control import Control
+    from snakeslam.head.settings import HeadSettings
+
+    backend = SimBackend(MODEL, SimSettings(), seed=1, camera=False)
+    control = Control(MODEL, GaitSettings(name=name), HeadSettings())
+    packets: list[Packet] = []
+    try:
+        while backend.t_ns < DURATION_S * 1e9:
+            if backend.t_ns == 500_000_000:
+                control.command(GaitCommand(backend.t_ns, name))
+            packets += backend.step(control.step(backend.t_ns, None, None, None))
+            if backend.t_ns % FRAME_NS == 0:
+                packets.append(CameraFrame(backend.t_ns, backend.t_ns // FRAME_NS, np.zeros((2, 2), np.uint8)))
+        truth = backend.take_ground_truth()
+        rig = RIG.model_copy(update={"imu0": backend.rig.imu0})
+    finally:
+        backend.close()
+    t_s, T_WI = np.array([one.t_ns for one in truth]) / 1e9, np.array([one.T_WI for one in truth])
+    return Crawl(tuple(packets), rig, t_s, T_WI)
+
+
+@pytest.fixture(scope="module")
+def serpentine() -> Crawl:
+    return crawl("serpentine")
+
+
+class Covered(SimulatedFrontend):
+    """Sees nothing for a while; or the same picture again and again."""
+
+    def __init__(self, head: Crawl, noise: NoiseSettings, between_s: tuple[float, float], freeze: bool = False) -> None:
+        super().__init__(head, noise)
+        self._between_s, self._freeze = between_s, freeze
+        self._shown: FrontendFrame | None = None
+
+    def process(self, frame: CameraFrame, T_C1C0: Float) -> FrontendFrame:
+        if not self._between_s[0] <= frame.t_ns / 1e9 < self._between_s[1]:
+            self._shown = super().process(frame, T_C1C0)
+            return self._shown
+        if self._freeze and self._shown is not None:
+            return replace(self._shown, frozen=True)
+        self._follow(np.zeros(len(self._points_W), bool))
+        px, ids = np.empty((0, 2), np.float32), np.empty(0, np.int64)
+        return FrontendFrame(px, ids, np.empty((0, 2)), np.empty(0), px, ids, None, False, 0)
+
+
+def follow(
+    crawled: Crawl,
+    fused: bool,
+    spoil: Callable[[Packet], Packet | None] = lambda packet: packet,
+    between_s: tuple[float, float] = COVERED_S,
+    freeze: bool = False,
+    aid: GaitAid | None = None,
+) -> list[FrameEstimate]:
+    aid = (aid or GaitAid(MODEL, GAIT)) if fused else None
+    frontend = Covered(crawled, SETTINGS.noise, between_s, freeze)
+    odometry = VisualInertialOdometry(SETTINGS, crawled.rig, 0, frontend, aid)
+    packets = (spoil(packet) for packet in crawled.packets)
+    return [e for e in (odometry.process(p) for p in packets if p is not None) if e is not None]
+
+
+def errors(crawled: Crawl, estimates: list[FrameEstimate]) -> Iterator[tuple[float, Float, Float]]:
+    """Yield time, position error (3,) and its covariance of each pose, the first two brought together."""
+    poses = [e.pose for e in estimates if e.pose is not None]
+    R, p = crawled.pose(np.array([pose.t_ns for pose in poses]) / 1e9)
+    turn = so3.from_yaw(float(so3.yaw(poses[0].T_WI[:3, :3]) - so3.yaw(R[0])))
+    for k, pose in enumerate(poses):
+        true = turn @ (p[k] - p[0]) + poses[0].T_WI[:3, 3]
+        yield pose.t_ns / 1e9, true - pose.T_WI[:3, 3], pose.cov[3:6, 3:6]
+
+
+def grown(crawled: Crawl, estimates: list[FrameEstimate]) -> float:
+    """How much the error has grown while nothing was seen, m."""
+    at = {round(t_s, 3): e for t_s, e, _ in errors(crawled, estimates)}
+    return float(np.linalg.norm(at[COVERED_S[1] - 0.05] - at[COVERED_S[0] - 0.05]))
+
+
+@pytest.mark.parametrize("freeze", [False, True], ids=["covered", "frozen"])
+def test_without_a_camera_the_gait_holds_it(serpentine: Crawl, freeze: bool) -> None:
+    """Two seconds: the error grows by at most 5 % of the way, by less than half of what it does without the gait."""
+    with_gait, without = (follow(serpentine, fused, freeze=freeze) for fused in (True, False))
+    _, p = serpentine.pose(np.arange(*COVERED_S, 0.05))
+    gone_m = float(np.linalg.norm(np.diff(p, axis=0), axis=1).sum())
+    assert gone_m > 0.2
+    assert grown(serpentine, with_gait) < 0.05 * gone_m
+    assert grown(serpentine, with_gait) < 0.5 * grown(serpentine, without)
+    blind = [e for e in with_gait if COVERED_S[0] <= e.t_ns / 1e9 < COVERED_S[1]]
+    assert all(e.health.verdict is Verdict.BLIND for e in blind)
+    assert all("dead reckoning on IMU and gait" in e.health.reasons for e in blind)
+    assert with_gait[-1].health.verdict is Verdict.GOOD
+    assert not any("reset" in e.events for e in with_gait)
+    nees = [float(e @ np.linalg.solve(P, e)) for t, e, P in errors(serpentine, with_gait) if t > 0.5]
+    assert np.mean(nees) < 6.0
+
+
+def test_with_a_camera_it_does_no_harm(serpentine: Crawl) -> None:
+    rms = [
+        float(np.sqrt(np.mean([e @ e for _, e, _ in errors(serpentine, follow(serpentine, fused, between_s=(9, 9)))])))
+        for fused in (True, False)
+    ]
+    assert rms[0] < 1.1 * rms[1]
+
+
+def test_the_ratio_of_friction_is_found(serpentine: Crawl) -> None:
+    """Of a ground of ratio 3, from 1.2 and from 8; the wrong start does no harm."""
+    for start in (1.2, 8.0):
+        aid = GaitAid(MODEL, GaitSensorSettings(friction_ratio=start))
+        estimates = follow(serpentine, True, between_s=(9, 9), aid=aid)
+        assert aid.slip.ratio == pytest.approx(3.0, rel=0.35)
+        assert max(float(np.linalg.norm(e)) for _, e, _ in errors(serpentine, estimates)) < 0.03
+
+
+def bad_joints(kind: str) -> Callable[[Packet], Packet | None]:
+    held: list[JointState] = []
+
+    def spoil(packet: Packet) -> Packet | None:
+        if not isinstance(packet, JointState) or packet.t_ns < 1_500_000_000:
+            return packet
+        held.append(packet)
+        q, dq = packet.q_rad, packet.dq_rad_s
+        return {
+            "none": None,
+            "not numbers": replace(packet, q_rad=np.full(35, np.nan)),
+            "another robot's": replace(packet, q_rad=q[:24], dq_rad_s=dq[:24]),
+            "stuck": replace(packet, q_rad=held[0].q_rad, dq_rad_s=2.0 * held[0].dq_rad_s),
+            "wrong": replace(packet, q_rad=-q[::-1], dq_rad_s=-3.0 * dq[::-1]),
+            "frozen at rest": replace(packet, q_rad=held[0].q_rad, dq_rad_s=NOTHING),
+        }[kind]
+
+    return spoil
+
+
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [
+        ("none", "no joint states for"),
+        ("not numbers", "joint states were late, not numbers"),
+        ("another robot's", "of another robot"),
+        ("stuck", "do not follow their rates"),
+        ("wrong", ""),
+        ("frozen at rest", ""),
+    ],
+)
+def test_bad_joints_do_no_harm_and_are_said(serpentine: Crawl, kind: str, words: str) -> None:
+    estimates = follow(serpentine, True, bad_joints(kind), between_s=(9, 9))
+    after = [e for e in estimates if e.t_ns > 1_800_000_000]
+    assert all(e.pose is not None and e.health.verdict.tracked for e in after)
+    assert not any("reset" in e.events for e in estimates)
+    assert max(float(np.linalg.norm(e)) for _, e, _ in errors(serpentine, estimates)) < 0.03
+    if words:
+        assert all(e.health.verdict is Verdict.DEGRADED for e in after)
+        assert all(any(words in reason for reason in e.health.reasons) for e in after)
+
+
+def test_without_joints_it_is_vio(serpentine: Crawl) -> None:
+    """The very same poses, and it says so."""
+    alone = follow(serpentine, False)
+    without = follow(serpentine, True, lambda p: None if isinstance(p, JointState) else p)
+    for a, b in zip(alone, without, strict=True):
+        assert (a.pose is None) == (b.pose is None)
+        if a.pose is not None and b.pose is not None:
+            np.testing.assert_array_equal(a.pose.T_WI, b.pose.T_WI)
+    assert any("no joint states" in reason for reason in without[-1].health.reasons)
+
+
+def test_same_packets_same_bytes(serpentine: Crawl) -> None:
+    once, again = (follow(serpentine, True)[-1].pose for _ in range(2))
+    assert once is not None
+    assert again is not None
+    assert once.T_WI.tobytes() == again.T_WI.tobytes()
+
+
+def test_it_needs_joints_and_an_imu() -> None:
+    settings = EstimatorSettings(mode="fused")
+    with pytest.raises(InputError, match=r"'fused' needs a robot's joints.*\(allowed: visual, vio\)"):
+        build_estimator(settings, RIG, 0, None)
+    with pytest.raises(InputError, match=r"'fused' needs an IMU.*\(allowed: visual\)"):
+        build_estimator(settings, RIG.model_copy(update={"imu0": None}), 0, MODEL)
+    assert isinstance(build_estimator(settings, RIG, 0, MODEL), VisualInertialOdometry)

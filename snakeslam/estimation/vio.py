@@ -32,7 +32,8 @@ from snakeslam.geometry import se3, so3
 from snakeslam.messages import CameraFrame, Float, Health, ImuSample, JointState, Packet, PoseEstimate, Verdict
 
 POSE_AND_VELOCITY = slice(0, 9)
-REST_SPEED_M_S = 0.015
+REST_MEAN_NS = 500_000_000
+REST_SPEED_M_S = 0.01
 """Faster than this by its own reckoning it is not at rest: a slow way along the view hardly moves the picture."""
 CLOCK_SET_BACK_FRAMES = 10
 MAX_SIGMA_RECKONED_M = 0.3
@@ -78,6 +79,7 @@ class VisualInertialOdometry:
         self._picture_ns: int | None = None
         self._back_ns: list[int] = []
         self._roll = RollPrior()
+        self._v_mean_W, self._v_mean_ns = np.zeros(3), 0
         self._bias_g = np.zeros(3)
         self._supported_ns = 0
         self._anchor: tuple[float, Float] = (0.0, np.zeros(3))
@@ -138,7 +140,7 @@ class VisualInertialOdometry:
         """Correct the propagated state by what is seen, and judge."""
         features, state, health = seen.features, window.state, self._settings.health
         rest = self._rest.see(seen.t_ns, features, self._imu.recent(seen.t_ns - REST_NS), state.bias_g)
-        if _moves(state):
+        if self._moves(state, seen.t_ns):
             rest = None
         report = self._correct(seen, window, rest)
         self._frontend.drop(report.refused)
@@ -230,16 +232,17 @@ class VisualInertialOdometry:
             R_I0I1 = R_I0I1 @ step
         return se3.inv(T_IC) @ se3.from_rt(R_I0I1.T, np.zeros(3)) @ T_IC
 
+    def _moves(self, state: State, t_ns: int) -> bool:
+        """Return whether the filter knows of its own that it moves; a tremor comes to nothing and does not count."""
+        share = min(1.0, (t_ns - self._v_mean_ns) / REST_MEAN_NS)
+        self._v_mean_W, self._v_mean_ns = self._v_mean_W + share * (state.v_W - self._v_mean_W), t_ns
+        sigma_v = float(np.sqrt(np.linalg.eigvalsh(state.cov[V, V])[-1]))
+        return float(np.linalg.norm(self._v_mean_W)) > REST_SPEED_M_S + sigma_v
+
     def _foreseen_roll(self, t_ns: int) -> Float:
         """Return T_C1C0 of the gait's roll alone."""
         roll_rad = None if self._picture_ns is None else self._roll.between(self._picture_ns, t_ns)
         return np.eye(4) if roll_rad is None else se3.from_rt(with_roll(np.eye(3), -roll_rad), np.zeros(3))
-
-
-def _moves(state: State) -> bool:
-    """Return whether the filter is sure of its own that it moves."""
-    sigma_v = float(np.sqrt(np.linalg.eigvalsh(state.cov[V, V])[-1]))
-    return float(np.linalg.norm(state.v_W)) > REST_SPEED_M_S + 3.0 * sigma_v
 
 
 def _estimate(

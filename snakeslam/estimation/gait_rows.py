@@ -6,7 +6,7 @@ import numpy as np
 
 from snakeslam.estimation.gait_odometry import Reckoned
 from snakeslam.estimation.gating import Innovation
-from snakeslam.estimation.ieskf import Information
+from snakeslam.estimation.ieskf import PlainRows
 from snakeslam.estimation.state import THETA, P, State, V
 from snakeslam.geometry import so3
 from snakeslam.messages import Float
@@ -35,7 +35,7 @@ class Carried:
 
 
 @dataclass(slots=True)
-class GaitRows:
+class GaitRows(PlainRows):
     """Rows R_k^T (p - p_k) = dp_I from clone k to the state, or R^T v = v_I where ``before`` is None."""
 
     measured: Float
@@ -96,24 +96,3 @@ class GaitRows:
             if factor <= max_inflation and rows.innovation(state).accepted.all():
                 return rows
         return None
-
-    def linearise(self, state: State, total: Information) -> None:
-        """Add the rows to ``total``."""
-        r, H = self.residual(state), self.jacobian(state)
-        total.L += H.T @ H
-        total.gradient += H.T @ r
-        total.cost += float(r @ r)
-
-    def cost(self, state: State) -> float:
-        """Return the cost."""
-        r = self.residual(state)
-        return float(r @ r)
-
-    def follow(self, step: Float) -> Float:
-        """Nothing of its own moves."""
-        del step
-        return np.empty(0)
-
-    def go_back(self, kept: Float) -> None:
-        """Nothing of its own has moved."""
-        del kept

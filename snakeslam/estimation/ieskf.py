@@ -7,6 +7,7 @@ where m are the errors that the measurements touch. Jacobians are taken at first
 weights change.
 """
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
@@ -57,6 +58,41 @@ class Measurement(Protocol):
     def go_back(self, kept: Float) -> None:
         """Undo ``follow``."""
         ...
+
+
+class PlainRows(ABC):
+    """Whitened rows without unknowns of their own: a residual and its Jacobian say all."""
+
+    __slots__ = ()
+
+    @abstractmethod
+    def residual(self, state: State) -> Float:
+        """Return the whitened residual, (count,)."""
+
+    @abstractmethod
+    def jacobian(self, state: State) -> Float:
+        """Return the whitened Jacobian, (count, size)."""
+
+    def linearise(self, state: State, total: Information) -> None:
+        """Add the rows to ``total``."""
+        r, H = self.residual(state), self.jacobian(state)
+        total.L += H.T @ H
+        total.gradient += H.T @ r
+        total.cost += float(r @ r)
+
+    def cost(self, state: State) -> float:
+        """Return the cost."""
+        r = self.residual(state)
+        return float(r @ r)
+
+    def follow(self, step: Float) -> Float:
+        """Nothing of its own moves."""
+        del step
+        return np.empty(0)
+
+    def go_back(self, kept: Float) -> None:
+        """Nothing of its own has moved."""
+        del kept
 
 
 def update(state: State, measurements: Sequence[Measurement], max_iterations: int) -> int:

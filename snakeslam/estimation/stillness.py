@@ -8,7 +8,7 @@ import numpy as np
 from snakeslam.calibration import ImuCalibration
 from snakeslam.estimation.frontend import FrontendFrame
 from snakeslam.estimation.gating import Innovation
-from snakeslam.estimation.ieskf import Information
+from snakeslam.estimation.ieskf import PlainRows
 from snakeslam.estimation.state import THETA, P, State, V
 from snakeslam.geometry import so3
 from snakeslam.messages import Float, ImuSample
@@ -76,7 +76,7 @@ class RestDetector:
 
 
 @dataclass(slots=True)
-class AtRest:
+class AtRest(PlainRows):
     """Rows v_W = 0, p = p' and Log(R'^T R) = 0 between the newest clone and an older one of the same rest (primed)."""
 
     sigma_v: float
@@ -120,24 +120,3 @@ class AtRest:
         """Return how far it is from what the state foresees."""
         H = self.jacobian(state)
         return Innovation.of(self.residual(state)[None], (H @ state.cov @ H.T)[None], np.array([len(H)]))
-
-    def linearise(self, state: State, total: Information) -> None:
-        """Add the rows to ``total``."""
-        r, H = self.residual(state), self.jacobian(state)
-        total.L += H.T @ H
-        total.gradient += H.T @ r
-        total.cost += float(r @ r)
-
-    def cost(self, state: State) -> float:
-        """Return the cost."""
-        r = self.residual(state)
-        return float(r @ r)
-
-    def follow(self, step: Float) -> Float:
-        """Nothing of its own moves."""
-        del step
-        return np.empty(0)
-
-    def go_back(self, kept: Float) -> None:
-        """Nothing of its own has moved."""
-        del kept

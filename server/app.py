@@ -13,14 +13,20 @@ from starlette.responses import HTMLResponse, JSONResponse, Response
 from starlette.staticfiles import StaticFiles
 
 from server import docs, problem
-from server.auth import Auth, Guard, HostRule, login_response
+from server.auth import Auth, HostRule, login_response
 from server.deps import House, Rooms
+from server.guard import Guard
+from server.keeper import Keeper
+from server.lease import Desk
+from server.limits import DEFAULT_RATES, Limiter, Rates
 from server.live import Live
 from server.metrics import Metrics
+from server.observe import Observe
 from server.recordings import Library
-from server.routes import estop, gait, head, map, recordings, runs, session, state  # noqa: A004
+from server.routes import control, estop, gait, head, map, recordings, runs, session, state  # noqa: A004
 from server.runs import Runs
 from server.telemetry import Telemetry
+from server.teleop import Teleop
 from server.viewer import Viewer
 from server.viewer_proxy import ViewerProxy
 from snakeslam.runtime.session import SessionSpec
@@ -44,23 +50,30 @@ class ServerSettings:
     recordings: tuple[Path, ...] = ()
     runs: Path = Path("runs/api")
     page: Path = PAGE
+    viewer_token: str | None = None
+    rates: Rates = DEFAULT_RATES
 
 
 def create_app(settings: ServerSettings, announce: Callable[[str], None]) -> FastAPI:
     """Return the application; ``announce`` gets the next one-time code after each use of one."""
-    auth = Auth(settings.token, announce)
+    auth = Auth(settings.token, announce, settings.viewer_token)
+    metrics = Metrics()
     socket = settings.private / "viewer.sock"
     proxy = ViewerProxy(socket)
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncGenerator[None]:
-        house = await asyncio.to_thread(_build, settings, auth, socket)
+        house = await asyncio.to_thread(_build, settings, auth, metrics, socket)
         app.state.house = house
         house.live.listen(house.viewer.on_report)
         await house.live.start(house.spec, "sim", "simulator")
+        app.state.keeper = keeper = Keeper(house)
+        watching = asyncio.create_task(keeper.watch())
         try:
             yield
         finally:
+            await keeper.hold()
+            watching.cancel()
             await asyncio.gather(house.runs.close(), house.live.stop())
             await proxy.close()
             await asyncio.to_thread(house.viewer.close)
@@ -74,8 +87,10 @@ def create_app(settings: ServerSettings, announce: Callable[[str], None]) -> Fas
         redoc_url=None,
     )
     problem.install(app)
-    app.add_middleware(Guard, auth=auth, hosts=HostRule(settings.host))
-    for module in (state, gait, head, estop, recordings, map, runs, session):
+    limiter = Limiter(settings.rates)
+    app.add_middleware(Guard, auth=auth, hosts=HostRule(settings.host), limiter=limiter, metrics=metrics)
+    app.add_middleware(Observe, metrics=metrics)
+    for module in (state, control, gait, head, estop, recordings, map, runs, session):
         app.include_router(module.router, prefix=PREFIX)
     app.include_router(proxy.router)
     app.include_router(_own_pages(app, auth))
@@ -87,15 +102,16 @@ def create_app(settings: ServerSettings, announce: Callable[[str], None]) -> Fas
     return app
 
 
-def _build(settings: ServerSettings, auth: Auth, socket: Path) -> House:
-    metrics = Metrics()
-    live = Live(settings.spec.config)
+def _build(settings: ServerSettings, auth: Auth, metrics: Metrics, socket: Path) -> House:
+    live, desk = Live(settings.spec.config), Desk()
     return House(
         auth=auth,
         config=settings.spec.config,
         spec=settings.spec,
         live=live,
-        telemetry=Telemetry(live, metrics),
+        desk=desk,
+        teleop=Teleop(live, desk, metrics, settings.rates.teleop),
+        telemetry=Telemetry(live, desk, metrics),
         viewer=Viewer(socket),
         runs=Runs(settings.runs),
         library=Library.of(list(settings.recordings)),

@@ -186,10 +186,14 @@ class Live:
 
     async def move(self) -> None:
         """Set the robot going; Problem while the E-stop is latched or there is no robot."""
+        self.need_drive()
+        await self.command(Start())
+
+    def need_drive(self) -> None:
+        """Raise a Problem when nothing may move: the E-stop is latched, or there is no robot."""
         if self._estop_reason is not None:
             raise Problem(HTTPStatus.CONFLICT, "the E-stop is latched; reset it first")
         self.need_robot()
-        await self.command(Start())
 
     def need_robot(self) -> None:
         """Raise a Problem when nothing here can move."""

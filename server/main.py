@@ -10,12 +10,12 @@ from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from pathlib import Path
 
-import structlog
 import uvicorn
 from fastapi import FastAPI
 
 from server.app import ServerSettings, create_app
-from server.auth import TOKEN_VARIABLE, token_from_environment
+from server.auth import TOKEN_VARIABLE, token_from_environment, viewer_token_from_environment
+from server.logs import configure_logs
 from snakeslam.config import Config
 from snakeslam.errors import InputError, SnakeslamError
 from snakeslam.runtime.session import SessionSpec
@@ -48,11 +48,15 @@ def bind(host: str, port: int) -> socket.socket:
 
 
 class _Server(uvicorn.Server):
-    """Says when it is ready."""
+    """Says when it is ready; brings the robot to a hold before it lets its clients go."""
 
-    def __init__(self, config: uvicorn.Config, ready: Callable[[], None]) -> None:
+    def __init__(self, config: uvicorn.Config, app: FastAPI, ready: Callable[[], None]) -> None:
         super().__init__(config)
-        self._ready = ready
+        self._app, self._ready = app, ready
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        await self._app.state.keeper.hold()
+        await super().shutdown(sockets)
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         await super().startup(sockets)
@@ -65,13 +69,13 @@ def serve(config: Config, *, host: str, port: int, recordings: list[Path], spec:
 
     ``spec`` replaces the simulator session of ``config``.
     """
-    structlog.configure(logger_factory=structlog.PrintLoggerFactory(sys.stderr))
-    given = token_from_environment(host)
+    configure_logs()
+    given, watching = token_from_environment(host), viewer_token_from_environment()
     token = given or secrets.token_urlsafe(24)
     spec = spec or SessionSpec(config, autostart=config.run.autostart)
     with bind(host, port) as listener, tempfile.TemporaryDirectory(prefix="snakeslam-") as folder:
         url = _url(host, listener)
-        settings = ServerSettings(spec, token, host, Path(folder), tuple(recordings))
+        settings = ServerSettings(spec, token, host, Path(folder), tuple(recordings), viewer_token=watching)
         app = create_app(settings, lambda code: _say(f"Sign in elsewhere: {url}/login?code={code}"))
         hint = f"${TOKEN_VARIABLE}" if given else str(_write_token(Path(folder), token))
 
@@ -79,7 +83,7 @@ def serve(config: Config, *, host: str, port: int, recordings: list[Path], spec:
             _say(f"Token for scripts: {hint}")
             _say(f"Open {url}/login?code={app.state.auth.code}")
 
-        server = _Server(_uvicorn(app), ready)
+        server = _Server(_uvicorn(app), app, ready)
         with _quiet_signals():
             server.run(sockets=[listener])
         if not server.started:
@@ -89,7 +93,7 @@ def serve(config: Config, *, host: str, port: int, recordings: list[Path], spec:
 def _uvicorn(app: FastAPI) -> uvicorn.Config:
     return uvicorn.Config(
         app,
-        log_level="warning",
+        log_config=None,
         ws_per_message_deflate=False,
         ws_max_size=MAX_MESSAGE_BYTES,
         timeout_graceful_shutdown=GRACE_S,

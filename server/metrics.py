@@ -1,39 +1,91 @@
 """Figures for Prometheus."""
 
-from prometheus_client import CollectorRegistry, Counter, Gauge, generate_latest
+from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, ProcessCollector, generate_latest
 
 from snakeslam.messages import Verdict
 from snakeslam.runtime.topics import Tick
 
+PHASES = ("starting", "running", "ended", "failed")
+SECONDS = (0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
+
 
 class Metrics:
-    """The live session's health and load, in a registry of its own."""
+    """Session, link, estimator and control, in a registry of its own."""
 
     def __init__(self) -> None:
         self.registry = CollectorRegistry()
-        self.realtime = Gauge("snakeslam_realtime_factor", "Simulated over wall time", registry=self.registry)
-        self.frame_rate = Gauge("snakeslam_frame_rate_hz", "Camera frames a second", registry=self.registry)
-        self.points = Gauge("snakeslam_map_points", "Points in the map", registry=self.registry)
-        self.tracks = Gauge("snakeslam_tracks", "Features tracked", registry=self.registry)
-        self.tracked = Gauge("snakeslam_tracked", "1 while the camera supports the pose", registry=self.registry)
-        self.estop = Gauge("snakeslam_estop_latched", "1 while the E-stop is latched", registry=self.registry)
-        self.clients = Gauge("snakeslam_telemetry_clients", "Open telemetry websockets", registry=self.registry)
-        self.ticks = Counter("snakeslam_ticks", "Ticks from the session", registry=self.registry)
-        self.pictures = Counter("snakeslam_pictures", "Pictures from the session", registry=self.registry)
-        self.dropped = Counter(
-            "snakeslam_telemetry_dropped", "Messages replaced by newer ones", ["kind"], registry=self.registry
-        )
+        ProcessCollector(registry=self.registry)
+        self._session()
+        self._estimator()
+        self._control()
+        self._link()
+
+    def _gauge(self, name: str, text: str) -> Gauge:
+        return Gauge(f"snakeslam_{name}", text, registry=self.registry)
+
+    def _counter(self, name: str, text: str, *labels: str) -> Counter:
+        return Counter(f"snakeslam_{name}", text, labels, registry=self.registry)
+
+    def _histogram(self, name: str, text: str, *labels: str) -> Histogram:
+        return Histogram(f"snakeslam_{name}", text, labels, registry=self.registry, buckets=SECONDS)
+
+    def _session(self) -> None:
+        self.phase = Gauge("snakeslam_session", "1 for the session's phase", ["phase"], registry=self.registry)
+        self.realtime = self._gauge("realtime_factor", "Backend time over wall time")
+        self.frame_rate = self._gauge("frame_rate_hz", "Camera frames a second")
+        self.ticks = self._counter("ticks", "Ticks from the session")
+        self.pictures = self._counter("pictures", "Pictures from the session")
+
+    def _estimator(self) -> None:
+        self.verdict = Gauge("snakeslam_verdict", "1 for the estimator's verdict", ["verdict"], registry=self.registry)
+        self.tracks = self._gauge("tracks", "Features tracked")
+        self.tracked = self._gauge("tracked", "1 while the camera supports the pose")
+        self.points = self._gauge("map_points", "Points in the map")
+        self.error = self._gauge("error_m", "Distance from the simulator's truth, NaN where there is none")
+        self.yaw_rms = self._gauge("head_yaw_rms_deg", "RMS of the head's yaw over a period, NaN where not known")
+
+    def _control(self) -> None:
+        self.moving = self._gauge("moving", "1 while the robot is told to move")
+        self.drive_now = self._gauge("drive", "Drive in force, -1 to 1")
+        self.estop = self._gauge("estop_latched", "1 while the E-stop is latched")
+        self.leased = self._gauge("lease_held", "1 while somebody has control")
+        self.leases = self._counter("leases", "Changes of the lease", "how")
+        self.drive = self._counter("drive_inputs", "Messages of drive input by what became of them", "outcome")
+        self.command_s = self._histogram("drive_seconds", "From drive input to the session's word that it obeyed")
+        self.drivers = self._gauge("teleop_clients", "Open teleop websockets")
+
+    def _link(self) -> None:
+        self.clients = self._gauge("telemetry_clients", "Open telemetry websockets")
+        self.dropped = self._counter("telemetry_dropped", "Messages replaced by newer ones", "kind")
+        self.requests = self._counter("http_requests", "Requests answered", "method", "path", "status")
+        self.request_s = self._histogram("http_seconds", "Time to answer a request", "method", "path")
+        self.limited = self._counter("rate_limited", "Requests refused for their rate", "kind")
 
     def on_tick(self, tick: Tick) -> None:
         """Take a tick."""
         self.ticks.inc()
-        self.realtime.set(tick.realtime_factor or 0.0)
-        self.frame_rate.set(tick.frame_rate_hz or 0.0)
+        self.realtime.set(_or_nan(tick.realtime_factor))
+        self.frame_rate.set(_or_nan(tick.frame_rate_hz))
         self.points.set(tick.map_points)
         self.tracks.set(tick.health.tracks)
         self.tracked.set(Verdict(tick.health.verdict).tracked)
+        for verdict in Verdict:
+            self.verdict.labels(verdict.value).set(tick.health.verdict == verdict)
+        self.error.set(_or_nan(tick.error_m))
+        self.yaw_rms.set(_or_nan(tick.head.yaw_rms_deg))
+        self.moving.set(tick.moving)
+        self.drive_now.set(0.0 if tick.gait is None else tick.gait.drive)
         self.estop.set(tick.estop_reason is not None)
+
+    def on_phase(self, phase: str) -> None:
+        """Take the session's phase."""
+        for name in PHASES:
+            self.phase.labels(name).set(name == phase)
 
     def text(self) -> bytes:
         """Everything, in Prometheus' text format."""
         return generate_latest(self.registry)
+
+
+def _or_nan(value: float | None) -> float:
+    return float("nan") if value is None else value

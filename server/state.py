@@ -6,6 +6,7 @@ import struct
 from dataclasses import asdict
 from typing import Any
 
+from server.lease import Desk
 from server.live import Live, View
 from snakeslam.head.settings import HeadSettings
 from snakeslam.messages import Float, GaitCommand, Health, Verdict
@@ -39,7 +40,13 @@ def head_json(head: HeadMotion) -> Json:
     return {key: _round(value, 4) for key, value in asdict(head).items()}
 
 
-def state_json(live: Live) -> Json:
+def control_json(desk: Desk) -> Json:
+    """Who may move the robot; ``id`` and ``holder`` are None while nobody may."""
+    lease = desk.lease
+    return {"id": None, "holder": None} if lease is None else {"id": lease.id, "holder": lease.holder}
+
+
+def state_json(live: Live, desk: Desk) -> Json:
     """GET /state."""
     view, started, tick = live.view, live.view.started, live.view.tick
     return {
@@ -47,6 +54,7 @@ def state_json(live: Live) -> Json:
         "t_s": 0.0 if tick is None else round(view.t_s(tick.t_ns), 4),
         "moving": live.moving,
         "estop": {"latched": live.estop_reason is not None, "reason": live.estop_reason},
+        "control": control_json(desk),
         "gait": gait_json(live.gait()),
         "notice": None if tick is None else tick.notice,
         "head_control": head_control_json(live.head()),
@@ -77,6 +85,8 @@ def tick_json(view: View, tick: Tick) -> Json:
         "q_target": _angles(tick.q_target_rad),
         "q_measured": _angles(tick.q_measured_rad),
         "moving": tick.moving,
+        "drive": 0.0 if tick.gait is None else tick.gait.drive,
+        "turn": 0.0 if tick.gait is None else tick.gait.turn,
         "estop": {"latched": tick.estop_reason is not None, "reason": tick.estop_reason},
         "notice": tick.notice,
         "head_control": head_control_json(tick.head_settings),

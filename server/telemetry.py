@@ -7,6 +7,7 @@ from typing import Any
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from server.lease import Desk
 from server.live import Live, View
 from server.metrics import Metrics
 from server.state import event_json, picture_bytes, state_json, tick_json
@@ -55,8 +56,8 @@ class Client:
 class Telemetry:
     """Fans the session's reports out to websockets."""
 
-    def __init__(self, live: Live, metrics: Metrics) -> None:
-        self._live, self._metrics = live, metrics
+    def __init__(self, live: Live, desk: Desk, metrics: Metrics) -> None:
+        self._live, self._desk, self._metrics = live, desk, metrics
         self._clients: set[Client] = set()
         self._recent: deque[str] = deque(maxlen=MAX_EVENTS)
         self._news: dict[str, Any] = {}
@@ -87,10 +88,17 @@ class Telemetry:
 
     def tell_state(self) -> None:
         """Send the state to all, as after something changed that no report tells."""
-        self._news = self._news_of(state_json(self._live))
+        self._news = self._news_of()
         text = self._state_text()
         for client in self._clients:
             client.put("state", text)
+
+    def say(self, level: str, text: str) -> None:
+        """Write words of the server's own on the timeline, and tell the state that goes with them."""
+        view = self._live.view
+        t_ns = 0 if view.tick is None else view.tick.t_ns
+        self._event(json.dumps(event_json(view, Event(t_ns, level, text)), separators=(",", ":")))
+        self.tell_state()
 
     def _on_report(self, report: Report, view: View) -> None:
         if isinstance(report, Tick):
@@ -105,21 +113,21 @@ class Telemetry:
         elif isinstance(report, Ended):
             text = "the session ended" if report.error is None else report.error
             level = "info" if report.error is None else "error"
-            t_ns = 0 if view.tick is None else view.tick.t_ns
-            self._event(json.dumps(event_json(view, Event(t_ns, level, text)), separators=(",", ":")))
+            self.say(level, text)
+        self._metrics.on_phase(view.phase)
         if isinstance(report, Started | Ended | Event) or self._has_news(report):
             self.tell_state()
 
     def _has_news(self, report: Report) -> bool:
-        return not isinstance(report, MapChunk | Picture) and self._news_of(state_json(self._live)) != self._news
+        return not isinstance(report, MapChunk | Picture) and self._news_of() != self._news
 
-    @staticmethod
-    def _news_of(state: dict[str, Any]) -> dict[str, Any]:
+    def _news_of(self) -> dict[str, Any]:
+        state = state_json(self._live, self._desk)
         news = {key: value for key, value in state.items() if key not in NOT_NEWS}
         return news | {"verdict": state["health"]["verdict"]}
 
     def _state_text(self) -> str:
-        return json.dumps({"type": "state", **state_json(self._live)}, separators=(",", ":"))
+        return json.dumps({"type": "state", **state_json(self._live, self._desk)}, separators=(",", ":"))
 
     def _broadcast(self, kind: str, message: str | bytes) -> None:
         for client in self._clients:

@@ -5,8 +5,7 @@ from typing import Any
 from fastapi import APIRouter
 from pydantic import BaseModel, ConfigDict, Field
 
-from server.deps import Rooms
-from server.state import state_json
+from server.deps import Rooms, Who
 
 router = APIRouter(tags=["estop"])
 OPERATOR = "operator"
@@ -22,19 +21,20 @@ class EStopRequest(BaseModel):
 
 @router.post("/estop")
 async def estop(house: Rooms, request: EStopRequest | None = None) -> dict[str, Any]:
-    """Latch the emergency stop; answers when the robot holds."""
+    """Latch the emergency stop; answers when the robot holds. Anybody may who is signed in."""
     try:
         await house.live.estop(OPERATOR if request is None else request.reason)
     finally:
         house.telemetry.tell_state()
-    return state_json(house.live)
+    return house.state()
 
 
 @router.post("/estop/reset")
-async def reset(house: Rooms) -> dict[str, Any]:
-    """Clear the latch; the robot stays where it is until it is started again."""
+async def reset(house: Rooms, who: Who) -> dict[str, Any]:
+    """Clear the latch; the robot stays where it is until it is started again. Needs control."""
+    house.need_control(who)
     try:
         await house.live.reset_estop()
     finally:
         house.telemetry.tell_state()
-    return state_json(house.live)
+    return house.state()

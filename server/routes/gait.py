@@ -6,10 +6,10 @@ from typing import Annotated, Any
 from fastapi import APIRouter
 from pydantic import Field
 
-from server.deps import Rooms
+from server.deps import Rooms, Who
 from server.live import Live
 from server.problem import Problem
-from server.state import gait_json, state_json
+from server.state import gait_json
 from snakeslam.gaits.catalogue import CatalogueEntry, GaitName, GaitSettings, catalogue_for, resolve
 from snakeslam.gaits.command import commanded_gait
 from snakeslam.messages import GaitCommand
@@ -34,9 +34,10 @@ async def get_gait(house: Rooms) -> dict[str, Any]:
 
 
 @router.put("/gait")
-async def put_gait(request: GaitRequest, house: Rooms) -> dict[str, Any]:
-    """Change the gait; the change is smooth, and nothing starts to move for it."""
+async def put_gait(request: GaitRequest, house: Rooms, who: Who) -> dict[str, Any]:
+    """Change the gait; the change is smooth, and nothing starts to move for it. Needs control."""
     house.live.need_robot()
+    house.need_control(who)
     current = house.live.gait()
     turn = current.turn if request.turn is None else request.turn
     settings = GaitSettings(**request.model_dump(exclude={"turn"}))
@@ -44,24 +45,25 @@ async def put_gait(request: GaitRequest, house: Rooms) -> dict[str, Any]:
     resolve(commanded_gait(command, house.live.view.config.gait), _model(house.live), turn)
     await house.live.command(SetGait(command))
     house.telemetry.tell_state()
-    return state_json(house.live)
+    return house.state()
 
 
 @router.post("/gait/start")
-async def start(house: Rooms) -> dict[str, Any]:
-    """Set the robot going."""
+async def start(house: Rooms, who: Who) -> dict[str, Any]:
+    """Set the robot going, until it is stopped or control is lost. Needs control."""
+    house.need_control(who)
     await house.live.move()
     if not house.live.moving:
         raise Problem(HTTPStatus.CONFLICT, "the robot did not start; its E-stop was latched meanwhile")
-    return state_json(house.live)
+    return house.state()
 
 
 @router.post("/gait/stop")
 async def stop(house: Rooms) -> dict[str, Any]:
-    """Bring the robot to rest, smoothly."""
+    """Bring the robot to rest, smoothly. Any operator may, with control or without."""
     house.live.need_robot()
     await house.live.command(Stop())
-    return state_json(house.live)
+    return house.state()
 
 
 def _model(live: Live) -> SnakeModel:

@@ -5,9 +5,9 @@ from typing import Annotated, Any
 from fastapi import APIRouter
 from pydantic import BaseModel, ConfigDict, Field
 
-from server.deps import Rooms
+from server.deps import Rooms, Who
 from server.live import Live
-from server.state import head_control_json, head_json, state_json
+from server.state import head_control_json, head_json
 from snakeslam.errors import InputError
 from snakeslam.gaits.catalogue import ResolvedGait, resolve
 from snakeslam.gaits.command import commanded_gait
@@ -56,14 +56,15 @@ async def get_head(house: Rooms) -> dict[str, Any]:
 
 
 @router.put("/head")
-async def put_head(request: HeadRequest, house: Rooms) -> dict[str, Any]:
-    """Change how the head is held, or turn its line; the change is smooth, and nothing starts to move for it."""
+async def put_head(request: HeadRequest, house: Rooms, who: Who) -> dict[str, Any]:
+    """Change how the head is held, or turn its line; smoothly, and nothing starts to move for it. Needs control."""
     house.live.need_robot()
+    house.need_control(who)
     command = HeadCommand(0, request.controller, request.neck_joints, request.turn_by_deg)
     commanded_head(command, house.live.head() or HeadSettings(), _model(house.live), _gait(house.live))
     await house.live.command(SetHead(command))
     house.telemetry.tell_state()
-    return state_json(house.live)
+    return house.state()
 
 
 def _model(live: Live) -> SnakeModel:

@@ -8,11 +8,10 @@ from typing import Any, Literal
 from fastapi import APIRouter
 from pydantic import BaseModel, ConfigDict, Field
 
-from server.deps import Rooms
+from server.deps import Rooms, Who
 from server.problem import Problem
 from server.recordings import recording_json
 from server.runs import Scalar, checked_overrides
-from server.state import state_json
 from snakeslam.config import override_config
 
 router = APIRouter(tags=["source"])
@@ -41,23 +40,25 @@ def get_recordings(house: Rooms) -> list[dict[str, Any]]:
 
 
 @router.post("/recordings/{recording_id}/play")
-async def play(recording_id: str, house: Rooms, request: PlayRequest | None = None) -> dict[str, Any]:
-    """Play a recording in the live view; without a mode, the one that its sensors allow."""
+async def play(recording_id: str, house: Rooms, who: Who, request: PlayRequest | None = None) -> dict[str, Any]:
+    """Play a recording in the live view; without a mode, the one that its sensors allow. Needs control."""
     summary = (await to_thread(house.library.all)).get(recording_id)
     if summary is None:
         raise Problem(HTTPStatus.NOT_FOUND, "there is no such recording; GET /recordings lists them")
+    house.need_control(who)
     mode = None if request is None else request.mode
     spec = replace(house.spec, recording=summary.path, estimator_mode=mode, autostart=False, build=None)
     await house.live.start(spec, "recording", summary.name)
     house.telemetry.tell_state()
-    return state_json(house.live)
+    return house.state()
 
 
 @router.post("/sim/start")
-async def start_sim(house: Rooms, request: SimRequest | None = None) -> dict[str, Any]:
-    """Start the simulator anew, with settings changed as in --set."""
+async def start_sim(house: Rooms, who: Who, request: SimRequest | None = None) -> dict[str, Any]:
+    """Start the simulator anew, with settings changed as in --set. Needs control."""
     overrides = checked_overrides({} if request is None else request.overrides)
     spec = replace(house.spec, config=override_config(house.config, overrides))
+    house.need_control(who)
     await house.live.start(spec, "sim", "simulator")
     house.telemetry.tell_state()
-    return state_json(house.live)
+    return house.state()

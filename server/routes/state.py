@@ -5,7 +5,6 @@ from typing import Any
 from fastapi import APIRouter, WebSocket
 
 from server.deps import Rooms
-from server.state import state_json
 
 router = APIRouter(tags=["state"])
 
@@ -13,7 +12,7 @@ router = APIRouter(tags=["state"])
 @router.get("/state")
 async def get_state(house: Rooms) -> dict[str, Any]:
     """What runs, how it moves, and what the estimator says of itself."""
-    return state_json(house.live)
+    return house.state()
 
 
 @router.websocket("/telemetry")

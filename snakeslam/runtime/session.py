@@ -31,6 +31,7 @@ from snakeslam.runtime.pacing import Pacer
 from snakeslam.runtime.safety import Guard, GuardedBackend
 from snakeslam.runtime.topics import (
     Command,
+    Drive,
     Ended,
     EStop,
     Event,
@@ -49,6 +50,8 @@ from snakeslam.runtime.words import head_words
 from snakeslam.threads import use_one_thread
 
 REFUSALS_KEPT = 8
+DRIVE_FOR_S = 0.3
+"""A robot that is driven by hand stops when the hand has been silent for so long."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +85,7 @@ class Session:
         self.backend = backend
         self._gait = configured_gait(spec.config) if self._control else None
         self._moving = False
+        self._driven_s: float | None = None
         self._notice: str | None = None
         self._done = 0
         self._refusals: deque[Refusal] = deque(maxlen=REFUSALS_KEPT)
@@ -116,19 +120,24 @@ class Session:
         elif isinstance(command, ResetEStop):
             self._reset()
         elif isinstance(command, SetGait):
-            self._command(moving=self._moving, gait=command.gait)
+            self._command(0.0 if self._gait is None else self._gait.drive, command.gait)
         elif isinstance(command, SetHead):
             self._set_head(command.head)
         elif isinstance(command, Start):
             self._start()
+        elif isinstance(command, Drive):
+            self._drive(command)
         elif isinstance(command, Stop):
             self._autostart_ns = None
-            self._command(moving=False)
+            self._command(0.0)
 
     def step(self) -> float | None:
         """Advance one step; return the seconds to wait for real time, None at the end."""
         if self._autostart_ns is not None and self.backend.t_ns >= self._autostart_ns:
             self._start()
+        if self._driven_s is not None and monotonic() - self._driven_s > DRIVE_FOR_S:
+            self._say("warning", "the drive input fell silent")
+            self._command(0.0)
         if not self._loop.step():
             self.report()
             return None
@@ -155,7 +164,7 @@ class Session:
         if self._guard is None or self._guard.reason is not None:
             return
         self._guard.latch(reason)
-        self._command(moving=False)
+        self._command(0.0)
         self._say("error", f"E-stop: {reason}")
 
     def _reset(self) -> None:
@@ -169,15 +178,29 @@ class Session:
         if self._guard is None or self._guard.reason is not None:
             return
         self._guard.resume()
-        self._command(moving=True)
+        self._driven_s = None
+        self._command(1.0)
 
-    def _command(self, *, moving: bool, gait: GaitCommand | None = None) -> None:
+    def _drive(self, command: Drive) -> None:
+        """Move as the operator's hand says, for DRIVE_FOR_S; nothing while latched."""
+        if self._guard is None or self._gait is None or self._guard.reason is not None:
+            return
+        self._autostart_ns = None
+        if command.drive != 0.0:
+            self._guard.resume()
+        if (command.drive, command.turn) != (self._gait.drive, self._gait.turn):
+            self._command(command.drive, replace(self._gait, turn=command.turn))
+        self._driven_s = monotonic() if command.drive != 0.0 else None
+
+    def _command(self, drive: float, gait: GaitCommand | None = None) -> None:
         """Command ``gait`` (else the one there is); InputError, and no change, where it cannot be done."""
         gait = gait or self._gait
         if self._control is None or gait is None:
             return
-        gait = replace(gait, t_ns=self.backend.t_ns, drive=1.0 if moving else 0.0)
+        gait, moving = replace(gait, t_ns=self.backend.t_ns, drive=drive), drive != 0.0
         self._control.command(gait)
+        if not moving:
+            self._driven_s = None
         if moving != self._moving:
             self._say("info", f"start {gait.gait}" if moving else "stop")
         self._moving, self._gait = moving, gait

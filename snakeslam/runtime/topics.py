@@ -34,6 +34,17 @@ class Stop:
 
 
 @dataclass(frozen=True, slots=True)
+class Drive:
+    """The operator's hand: move at ``drive`` of the gait's pace and ``turn``, both in [-1, 1], while it is repeated.
+
+    Without another within ``session.DRIVE_FOR_S`` the robot stops; 0 lets go.
+    """
+
+    drive: float
+    turn: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
 class EStop:
     """Latch the emergency stop and hold."""
 
@@ -50,7 +61,7 @@ class Shutdown:
     """End the session."""
 
 
-Command = SetGait | SetHead | Start | Stop | EStop | ResetEStop | Shutdown
+Command = SetGait | SetHead | Start | Stop | Drive | EStop | ResetEStop | Shutdown
 
 
 @dataclass(frozen=True, slots=True)

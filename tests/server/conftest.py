@@ -20,8 +20,10 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
 
 @pytest.fixture
 def client(server: Running) -> Iterator[httpx.Client]:
-    """Signed in by token, and everything at rest."""
+    """Signed in by token, everything at rest and nobody in control but this client."""
     with server.client() as client:
+        lease = client.post("/api/v1/control/lease", json={"take_over": True}).raise_for_status().json()
+        client.delete("/api/v1/control/lease", headers={"Control-Lease": lease["key"]}).raise_for_status()
         client.post("/api/v1/estop/reset")
         client.post("/api/v1/gait/stop")
         yield client

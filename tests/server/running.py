@@ -9,12 +9,13 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import httpx
 
 CHECKOUT = Path(__file__).resolve().parents[2]
 TOKEN = "a-token-for-the-tests"
+VIEWER_TOKEN = "a-token-to-watch-with"
 START_S = 60.0
 
 
@@ -70,14 +71,15 @@ def children(pid: int) -> set[int]:
     return found
 
 
-def start(folder: Path, token: str | None = TOKEN, recordings: str = "") -> Running:
+def start(folder: Path, token: str | None = TOKEN, recordings: str = "", log: IO[str] | None = None) -> Running:
     env = {key: value for key, value in os.environ.items() if key != "SNAKESLAM_TOKEN"}
     env["PYTHONPATH"] = os.pathsep.join([str(CHECKOUT), *filter(None, [env.get("PYTHONPATH")])])
     if token is not None:
         env["SNAKESLAM_TOKEN"] = token
+        env["SNAKESLAM_VIEWER_TOKEN"] = VIEWER_TOKEN
     folders = [recordings] if recordings else []
     command = [sys.executable, "-m", "tests.server.serve_still", "0", "127.0.0.1", *folders]
-    process = subprocess.Popen(command, cwd=folder, env=env, stdout=subprocess.PIPE, text=True)
+    process = subprocess.Popen(command, cwd=folder, env=env, stdout=subprocess.PIPE, stderr=log, text=True)
     running = Running(process, folder)
     while not (found := re.search(r"Open (http://[^/]+)/login", running.next_line())):
         assert running.out[-1], "the server ended before it was ready"

@@ -13,7 +13,8 @@ def state(client: httpx.Client) -> dict:
 def test_state_says_what_the_contract_promises(client: httpx.Client) -> None:
     found = state(client)
     keys = (
-        "source t_s moving estop gait notice head_control head robot estimator health realtime_factor session message"
+        "source t_s moving estop control gait notice head_control head robot estimator health realtime_factor session "
+        "message"
     )
     assert set(found) == set(keys.split())
     assert found["source"] == {"kind": "sim", "name": "simulator"}
@@ -137,5 +138,22 @@ def test_docs_and_metrics(client: httpx.Client) -> None:
         assert path in docs
     assert "http://" not in docs
     assert "https://" not in docs
+
+
+def test_metrics_tell_of_session_link_estimator_and_control(client: httpx.Client) -> None:
+    client.post("/api/v1/gait/start").raise_for_status()
+    wait_for(lambda: "snakeslam_moving 1.0" in client.get("/metrics").text)
+    client.get("/api/v1/runs/ffff")
     metrics = client.get("/metrics").text
-    assert "snakeslam_realtime_factor" in metrics
+    for line in (
+        'snakeslam_session{phase="running"} 1.0',
+        'snakeslam_verdict{verdict="lost"} 0.0',
+        "snakeslam_drive 1.0",
+        "snakeslam_lease_held 1.0",
+        "snakeslam_estop_latched 0.0",
+        'snakeslam_http_requests_total{method="GET",path="/api/v1/runs/{run_id}",status="404"}',
+        "snakeslam_realtime_factor",
+        "snakeslam_tracks",
+        "process_resident_memory_bytes",
+    ):
+        assert f"\n{line}" in metrics, line

@@ -1,14 +1,18 @@
 """The server as a process: how it starts, refuses to start, fails, and ends."""
 
+import json
 import os
 import re
 import signal
 import socket
 import time
+from contextlib import suppress
+from itertools import pairwise
 from pathlib import Path
 
 import httpx
 import pytest
+from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from server.auth import HostRule, is_loopback, token_from_environment
@@ -47,6 +51,50 @@ def test_it_ends_at_once_with_open_websockets_and_leaves_nobody(tmp_path: Path) 
         assert time.monotonic() - before < 6.0
     wait_for(lambda: not any(map(alive, below)), 5.0)
     assert not private.parent.exists()
+
+
+def test_it_brings_the_robot_to_a_hold_before_it_ends(tmp_path: Path) -> None:
+    running = start(tmp_path)
+    wait_running(running)
+    with running.client() as client:
+        client.put("/api/v1/gait", json={"name": "serpentine", "period_s": 2.5}).raise_for_status()
+        client.post("/api/v1/gait/start").raise_for_status()
+    ticks: list[dict] = []
+    bearer = {"Authorization": f"Bearer {TOKEN}"}
+    url = f"{running.websocket}/api/v1/telemetry"
+    with connect(url, additional_headers=bearer) as stream, suppress(ConnectionClosed):
+        while True:
+            text = stream.recv(timeout=10)
+            message = json.loads(text) if isinstance(text, str) else {}
+            if message.get("type") != "tick":
+                continue
+            ticks.append(message)
+            if len(ticks) == 20:
+                assert message["moving"]
+                running.process.send_signal(signal.SIGTERM)
+    assert running.stop() == 0
+    assert not ticks[-1]["moving"]
+    change = [max(abs(a - b) for a, b in zip(*pair, strict=True)) for pair in pairwise(t["q_target"] for t in ticks)]
+    assert max(change[:18]) > 1e-3
+    assert change[-1] < 1e-3
+
+
+def test_its_log_is_one_json_object_a_line_with_no_secret_in_it(tmp_path: Path) -> None:
+    with (tmp_path / "log").open("w") as log:
+        running = start(tmp_path, log=log)
+        wait_running(running)
+        with running.client() as client:
+            key = client.post("/api/v1/control/lease", json={"name": "Ann"}).json()["key"]
+            client.put("/api/v1/gait", json={"name": "flying"})
+        assert running.stop() == 0
+    text = (tmp_path / "log").read_text()
+    lines = [json.loads(line) for line in text.splitlines()]
+    assert all({"event", "level", "timestamp"} <= set(line) for line in lines)
+    refused = next(line for line in lines if line.get("status") == 422)
+    assert (refused["method"], refused["path"], refused["who"].split()[0]) == ("PUT", "/api/v1/gait", "operator")
+    assert any(line["event"] == "control" and line["holder"] == "Ann" for line in lines)
+    for secret in (TOKEN, key, re.search(r"code=(\S+)", "".join(running.out))):
+        assert str(secret) not in text
 
 
 def socket_inodes(pid: int) -> set[str]:

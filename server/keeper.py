@@ -1,0 +1,62 @@
+"""Looks after a robot that nobody looks after: the lease that lapsed, the server that is told to end."""
+
+import asyncio
+from time import monotonic
+
+import numpy as np
+import structlog
+
+from server.deps import House
+from server.problem import Problem
+from server.routes.control import tell
+from snakeslam.runtime.topics import Tick
+
+LOOK_S = 0.1
+HOLD_S = 2.0
+HELD_RAD = 1e-4
+_log = structlog.get_logger("keeper")
+
+
+class Keeper:
+    """Stops the robot when the lease lapses, and before the server ends."""
+
+    def __init__(self, house: House) -> None:
+        self._house = house
+
+    async def watch(self) -> None:
+        """Look at the lease until cancelled."""
+        while True:
+            await asyncio.sleep(LOOK_S)
+            lease = self._house.desk.lapse()
+            if lease is not None:
+                tell(self._house, lease, "lapsed")
+                await self._stop()
+
+    async def hold(self) -> None:
+        """Bring a robot that moves to a hold; waits for it HOLD_S at most."""
+        if not self._house.live.moving:
+            return
+        _log.info("bringing the robot to a hold")
+        await self._stop()
+        until, before = monotonic() + HOLD_S, self._house.live.view.tick
+        while monotonic() < until:
+            await asyncio.sleep(LOOK_S)
+            tick = self._house.live.view.tick
+            if tick is None or before is None or _held(before, tick):
+                return
+            before = tick
+        _log.warning("the robot did not come to a hold in time")
+
+    async def _stop(self) -> None:
+        try:
+            await self._house.stop_if_moving()
+        except Problem as problem:
+            _log.error("the robot could not be stopped", why=problem.detail)
+
+
+def _held(before: Tick, now: Tick) -> bool:
+    """Whether the joint targets rest; a robot without any has nothing to hold."""
+    if before.q_target_rad is None or now.q_target_rad is None:
+        return True
+    newer = now.t_ns > before.t_ns and not now.moving
+    return newer and bool(np.max(np.abs(now.q_target_rad - before.q_target_rad)) < HELD_RAD)

@@ -1,0 +1,78 @@
+"""Who may move the robot: the operator's lease, and the teleop websocket that needs it."""
+
+from typing import Annotated, Any
+
+import structlog
+from fastapi import APIRouter, WebSocket
+from pydantic import BaseModel, ConfigDict, Field
+
+from server.deps import House, Rooms, Who
+from server.lease import LONGEST_S, RENEWED_S, Lease
+from server.state import control_json
+
+router = APIRouter(tags=["control"])
+_log = structlog.get_logger("control")
+
+
+class LeaseRequest(BaseModel):
+    """POST /control/lease."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True)
+
+    name: Annotated[str, Field(min_length=1, max_length=40, pattern=r"^[^\x00-\x1f\x7f]+$")] = "a script"
+    """Shown to all."""
+    seconds: Annotated[float, Field(ge=1, le=LONGEST_S)] = RENEWED_S
+    """It lapses so long after the last renewal or command, and the robot stops."""
+    take_over: bool = False
+    """Take it from whom has it."""
+
+
+@router.get("/control/lease")
+async def get_lease(house: Rooms) -> dict[str, Any]:
+    """Who has control, and for how long if it is not renewed."""
+    return {**control_json(house.desk), "left_s": round(house.desk.left_s, 2)}
+
+
+@router.post("/control/lease")
+async def take(house: Rooms, who: Who, request: LeaseRequest | None = None) -> dict[str, Any]:
+    """Take control; send the key as Control-Lease with every command, and renew it in time."""
+    request = LeaseRequest() if request is None else request
+    before = house.desk.lease
+    lease = house.desk.take(request.name, request.seconds, over=request.take_over, identity=who.identity)
+    how = "taken" if before is None or before.key == who.identity else "taken over"
+    tell(house, lease, how, f" from {before.holder}" if before is not None and how == "taken over" else "")
+    return lease_json(lease)
+
+
+@router.put("/control/lease")
+async def renew(house: Rooms, who: Who) -> dict[str, Any]:
+    """Keep control."""
+    return lease_json(house.desk.renew(who.lease_key))
+
+
+@router.delete("/control/lease")
+async def release(house: Rooms, who: Who) -> dict[str, Any]:
+    """Give control back; the robot stops."""
+    lease = house.desk.release(who.lease_key)
+    await house.stop_if_moving()
+    tell(house, lease, "given back")
+    return control_json(house.desk)
+
+
+@router.websocket("/teleop")
+async def teleop(socket: WebSocket, house: Rooms) -> None:
+    """Drive input as JSON: hello with the lease's key, then pings and drives; see docs/operation.md."""
+    await house.teleop.serve(socket)
+
+
+def tell(house: House, lease: Lease, how: str, more: str = "") -> None:
+    """Say everywhere what became of the lease."""
+    house.metrics.leases.labels(how).inc()
+    house.metrics.leased.set(house.desk.lease is not None)
+    _log.info("control", holder=lease.holder, how=how + more)
+    house.telemetry.say("warning" if how == "lapsed" else "info", f"{lease.holder}: control {how}{more}")
+
+
+def lease_json(lease: Lease) -> dict[str, Any]:
+    """A lease for its holder."""
+    return {"key": lease.key, "id": lease.id, "holder": lease.holder, "seconds": lease.seconds}

@@ -1,0 +1,212 @@
+"""The teleop websocket: drive input while it is held, checked for lease, order and age; silence and closing let go."""
+
+import asyncio
+import contextlib
+import json
+from time import monotonic
+from typing import Annotated, Any, Literal
+
+import structlog
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from server.hand import Hand, Input
+from server.lease import Desk
+from server.limits import Bucket, Rate
+from server.live import Live
+from server.metrics import Metrics
+from server.problem import Problem
+from snakeslam.runtime.topics import Drive
+
+MAX_SOCKETS = 8
+MAX_CHARS = 512
+LOOK_S = 0.05
+LOST_CONTROL, TOO_MUCH, BAD_MESSAGE = 4001, 4002, 4003
+_log = structlog.get_logger("teleop")
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+    t_ms: float
+
+
+class Ping(_Strict):
+    """Keeps the lease and tells the sender's clock; answered by a pong."""
+
+    type: Literal["ping"]
+
+
+class DriveInput(_Strict):
+    """What the hand wants now."""
+
+    type: Literal["drive"]
+    seq: Annotated[int, Field(strict=True, ge=0, lt=2**53)]
+    drive: Annotated[float, Field(ge=-1, le=1)]
+    turn: Annotated[float, Field(ge=-1, le=1)] = 0.0
+
+
+_MESSAGE: TypeAdapter[Ping | DriveInput] = TypeAdapter(Annotated[Ping | DriveInput, Field(discriminator="type")])
+
+
+class Teleop:
+    """Serves operators' sockets; the robot obeys only that of the lease's holder."""
+
+    def __init__(self, live: Live, desk: Desk, metrics: Metrics, rate: Rate) -> None:
+        self._live, self._desk, self._metrics, self._rate = live, desk, metrics, rate
+        self._drivers: set[Driver] = set()
+        desk.listen(self._on_change)
+
+    async def serve(self, socket: WebSocket) -> None:
+        """Serve one websocket until either side ends it, then let go."""
+        await socket.accept()
+        if len(self._drivers) >= MAX_SOCKETS:
+            await socket.close(1013, "too many operators")
+            return
+        driver = Driver(socket, self._live, self._desk, self._metrics, Bucket(self._rate, monotonic()))
+        self._drivers.add(driver)
+        self._metrics.drivers.set(len(self._drivers))
+        try:
+            await driver.run()
+        finally:
+            self._drivers.discard(driver)
+            self._metrics.drivers.set(len(self._drivers))
+
+    def _on_change(self) -> None:
+        for driver in self._drivers:
+            driver.wake()
+
+
+class Driver:
+    """One socket: a reader that judges, and a writer that hands the newest input to the session and answers."""
+
+    def __init__(self, socket: WebSocket, live: Live, desk: Desk, metrics: Metrics, bucket: Bucket) -> None:
+        self._socket, self._live, self._desk, self._metrics = socket, live, desk, metrics
+        self._bucket = bucket
+        self._hand = Hand()
+        self._key: str | None = None
+        self._newest: DriveInput | None = None
+        self._sent = (0.0, 0.0)
+        self._changed = asyncio.Event()
+
+    def wake(self) -> None:
+        """Look at once whether anything has changed."""
+        self._changed.set()
+
+    async def run(self) -> None:
+        """Listen and obey until the socket ends or control is lost."""
+        reading = asyncio.create_task(self._read())
+        writing = asyncio.create_task(self._write())
+        try:
+            await asyncio.wait({reading, writing}, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            for task in (reading, writing):
+                task.cancel()
+            await asyncio.gather(reading, writing, return_exceptions=True)
+            await self._let_go("the operator's page has gone")
+
+    async def _read(self) -> None:
+        with contextlib.suppress(WebSocketDisconnect, RuntimeError):
+            while await self._take(await self._socket.receive()):
+                pass
+
+    async def _take(self, message: Any) -> bool:
+        """Judge one message; False when the socket is over."""
+        if message["type"] == "websocket.disconnect":
+            return False
+        if not self._bucket.take(monotonic()):
+            return await self._close(TOO_MUCH, "too many messages")
+        text = message.get("text") or ""
+        if self._key is None:
+            return await self._hello(text)
+        try:
+            given = _MESSAGE.validate_json(text if len(text) <= MAX_CHARS else "")
+        except ValidationError:
+            self._metrics.drive.labels("malformed").inc()
+            return await self._close(BAD_MESSAGE, "no such message")
+        if isinstance(given, Ping):
+            await self._ping(given)
+        else:
+            self._judge(given)
+        return True
+
+    async def _hello(self, text: str) -> bool:
+        """Take the first message: {"type": "hello", "lease": KEY}."""
+        try:
+            hello = json.loads(text if len(text) <= MAX_CHARS else "")
+            key = str(hello["lease"]) if hello["type"] == "hello" else ""
+        except (ValueError, TypeError, KeyError, RecursionError):
+            return await self._close(BAD_MESSAGE, "say hello with your lease first")
+        if not self._desk.holds(key):
+            return await self._close(LOST_CONTROL, "you do not have control")
+        self._key = key
+        await self._answer({"type": "ready"})
+        return True
+
+    async def _ping(self, ping: Ping) -> None:
+        self._hand.synchronise(ping.t_ms * 1e-3, monotonic())
+        if self._desk.holds(self._key):
+            self._desk.renew(self._key)
+        await self._answer({"type": "pong", "t_ms": ping.t_ms})
+
+    def _judge(self, given: DriveInput) -> None:
+        why = self._hand.take(Input(given.seq, given.t_ms * 1e-3, given.drive, given.turn), monotonic())
+        self._metrics.drive.labels(why or "taken").inc()
+        if why is None:
+            self._newest = given
+            self._changed.set()
+
+    async def _write(self) -> None:
+        with contextlib.suppress(WebSocketDisconnect, RuntimeError):
+            while True:
+                with contextlib.suppress(TimeoutError):
+                    await asyncio.wait_for(self._changed.wait(), LOOK_S)
+                self._changed.clear()
+                if self._key is not None and not self._desk.holds(self._key):
+                    await self._let_go("control was lost")
+                    await self._close(LOST_CONTROL, "you no longer have control")
+                    return
+                if self._hand.silent(monotonic()):
+                    await self._let_go("the drive input fell silent")
+                elif self._newest is not None:
+                    await self._obey()
+
+    async def _obey(self) -> None:
+        """Hand the newest input on; it answers when the session has obeyed."""
+        given, self._newest = self._newest, None
+        assert given is not None
+        refusal = await self._command(self._hand.drive, self._hand.turn)
+        done = {"type": "done", "seq": given.seq, "t_ms": given.t_ms}
+        await self._answer(done if refusal is None else {**done, "type": "refused", "detail": refusal})
+
+    async def _command(self, drive: float, turn: float) -> str | None:
+        """Drive; return why it was refused."""
+        started = monotonic()
+        try:
+            if drive != 0.0:
+                self._live.need_drive()
+            self._sent = (drive, turn)
+            await self._live.command(Drive(drive, turn))
+        except Problem as problem:
+            self._hand.release()
+            return problem.detail
+        self._metrics.command_s.observe(monotonic() - started)
+        return None
+
+    async def _let_go(self, why: str) -> None:
+        """Stop the robot, if this hand moves it."""
+        self._hand.release()
+        self._newest = None
+        if self._sent[0] == 0.0:
+            return
+        _log.warning("drive released", why=why)
+        refusal = await asyncio.shield(self._command(0.0, 0.0))
+        if refusal is not None:
+            _log.error("release not confirmed", why=refusal)
+
+    async def _answer(self, message: dict[str, Any]) -> None:
+        await self._socket.send_text(json.dumps(message, separators=(",", ":")))
+
+    async def _close(self, code: int, why: str) -> bool:
+        await self._socket.close(code, why)
+        return False

@@ -1,0 +1,59 @@
+"""Which drive input counts: order, age, and a clock that is only known through messages."""
+
+import pytest
+
+from server.hand import STALE_S, Hand, Input
+
+NOW_S, THEIRS_S = 5000.0, 12.0
+
+
+def hand(delay_s: float = 0.02) -> Hand:
+    """A hand whose pings took at least ``delay_s``."""
+    found = Hand()
+    found.synchronise(THEIRS_S, NOW_S + delay_s)
+    found.synchronise(THEIRS_S + 0.1, NOW_S + 0.1 + delay_s + 0.05)
+    return found
+
+
+def test_input_in_order_and_in_time_counts() -> None:
+    driver = hand()
+    assert driver.take(Input(1, THEIRS_S + 1.0, 1.0, -0.31), NOW_S + 1.02) is None
+    assert (driver.drive, driver.turn) == (1.0, -0.3)
+    assert driver.driving
+    assert driver.take(Input(2, THEIRS_S + 1.1, 0.0, 0.0), NOW_S + 1.12) is None
+    assert not driver.driving
+
+
+@pytest.mark.parametrize(
+    ("seq", "late_s", "why"),
+    [(1, 0.0, "out of order"), (0, 0.0, "out of order"), (2, STALE_S + 0.05, "stale"), (2, -0.5, "from the future")],
+)
+def test_what_does_not_count_changes_nothing(seq: int, late_s: float, why: str) -> None:
+    driver = hand()
+    assert driver.take(Input(1, THEIRS_S + 1.0, 1.0, 0.0), NOW_S + 1.02) is None
+    assert driver.take(Input(seq, THEIRS_S + 1.1, -1.0, 0.0), NOW_S + 1.12 + late_s) == why
+    assert driver.drive == 1.0
+    assert driver.take(Input(3, THEIRS_S + 1.2, 0.0, 0.0), NOW_S + 1.22) is None
+
+
+def test_without_a_ping_no_clock_is_known() -> None:
+    assert Hand().take(Input(1, 0.0, 1.0, 0.0), NOW_S) == "before any ping"
+
+
+def test_silence_lets_go_only_of_a_robot_that_is_driven() -> None:
+    driver = hand()
+    assert not driver.silent(NOW_S + 100.0)
+    driver.take(Input(1, THEIRS_S + 1.0, 0.5, 0.0), NOW_S + 1.0)
+    assert not driver.silent(NOW_S + 1.0 + STALE_S - 0.01)
+    assert driver.silent(NOW_S + 1.0 + STALE_S + 0.01)
+    driver.release()
+    assert not driver.silent(NOW_S + 2.0)
+
+
+def test_a_page_whose_clock_was_suspended_is_believed_again_after_some_pings() -> None:
+    driver = hand()
+    slept_s = 60.0
+    assert driver.take(Input(1, THEIRS_S + 1.0, 1.0, 0.0), NOW_S + 1.0 + slept_s) == "stale"
+    for k in range(20):
+        driver.synchronise(THEIRS_S + 2.0 + k, NOW_S + 2.0 + k + slept_s)
+    assert driver.take(Input(2, THEIRS_S + 30.0, 1.0, 0.0), NOW_S + 30.0 + slept_s) is None

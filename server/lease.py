@@ -8,7 +8,7 @@ from time import monotonic
 
 from server.problem import Problem
 
-RENEWED_S = 3.0
+RENEWED_S = 5.0
 """A lease that its holder renews lapses so long after the last time."""
 UNASKED_S = 60.0
 """A script that commands without a lease of its own has a free one for so long after each command."""

@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import re
 from collections import deque
 from typing import Any
 
@@ -17,6 +18,7 @@ from snakeslam.runtime.topics import Ended, Event, Picture, Report, Started, Tic
 MAX_EVENTS = 100
 MAX_CLIENTS = 32
 STALLED_S = 15.0
+PING = re.compile(r'\{"type":"ping","t_ms":(\d{1,15}(?:\.\d{1,9})?)\}')
 # What changes at every tick is no news of its own.
 NOT_NEWS = ("t_s", "realtime_factor", "health", "head")
 
@@ -75,7 +77,7 @@ class Telemetry:
             client.put_event(text)
         self._clients.add(client)
         self._metrics.clients.set(len(self._clients))
-        listening = asyncio.create_task(_until_closed(socket))
+        listening = asyncio.create_task(_until_closed(socket, client))
         sending = asyncio.create_task(_send_all(socket, client))
         try:
             await asyncio.wait({listening, sending}, return_when=asyncio.FIRST_COMPLETED)
@@ -139,13 +141,16 @@ class Telemetry:
             client.put_event(text)
 
 
-async def _until_closed(socket: WebSocket) -> None:
-    """Read and forget: clients have nothing to say here."""
+async def _until_closed(socket: WebSocket, client: Client) -> None:
+    """Answer pings, so that a page knows its round trip; forget everything else: clients have nothing to say here."""
     try:
         while True:
             message = await socket.receive()
             if message["type"] == "websocket.disconnect":
                 return
+            ping = PING.fullmatch(message.get("text") or "")
+            if ping is not None:
+                client.put("pong", f'{{"type":"pong","t_ms":{ping[1]}}}')
     except (WebSocketDisconnect, RuntimeError):
         return
 

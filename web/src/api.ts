@@ -1,9 +1,15 @@
 // The typed client of /api/v1: every refusal becomes one clear line.
 
-import type { GaitAnswer, GaitRequest, HeadAnswer, HeadRequest, Overrides, Recording, RobotState, Run, RunRequest } from "./types";
+import type { GaitAnswer, GaitRequest, HeadAnswer, HeadRequest, Lease, Overrides, Recording, RobotState, Role, Run, RunRequest } from "./types";
 
 const PREFIX = "/api/v1";
 const TIMEOUT_MS = 10_000;
+let leaseKey: string | null = null;
+
+/** Send this lease with every request from now on. */
+export function useLease(key: string | null): void {
+  leaseKey = key;
+}
 
 /** A request the server refused, or that never reached it (status 0). */
 export class ApiError extends Error {
@@ -27,12 +33,14 @@ async function problemLine(response: Response): Promise<string> {
   return `The server answered ${response.status} ${response.statusText}`.trim();
 }
 
-async function request<T>(method: string, path: string, body?: unknown, timeoutMs = TIMEOUT_MS): Promise<T> {
+async function request<T>(method: string, path: string, body?: unknown, timeoutMs = TIMEOUT_MS, keepalive = false): Promise<T> {
   let response: Response;
-  const options: RequestInit = { method, credentials: "same-origin", signal: AbortSignal.timeout(timeoutMs) };
+  const headers: Record<string, string> = {};
+  const options: RequestInit = { method, headers, keepalive, credentials: "same-origin", signal: AbortSignal.timeout(timeoutMs) };
+  if (leaseKey !== null) headers["Control-Lease"] = leaseKey;
   if (body !== undefined) {
     options.body = JSON.stringify(body);
-    options.headers = { "Content-Type": "application/json" };
+    headers["Content-Type"] = "application/json";
   }
   try {
     response = await fetch(PREFIX + path, options);
@@ -47,6 +55,9 @@ async function request<T>(method: string, path: string, body?: unknown, timeoutM
 
 export const api = {
   state: (timeoutMs?: number) => request<RobotState>("GET", "/state", undefined, timeoutMs),
+  session: () => request<{ role: Role }>("GET", "/session"),
+  takeControl: (name: string, take_over: boolean) => request<Lease>("POST", "/control/lease", { name, take_over }),
+  releaseControl: () => request<unknown>("DELETE", "/control/lease", undefined, TIMEOUT_MS, true),
   signIn: (token: string) => request<unknown>("POST", "/session", { token }),
   gait: () => request<GaitAnswer>("GET", "/gait"),
   setGait: (gait: GaitRequest) => request<unknown>("PUT", "/gait", gait),

@@ -1,8 +1,9 @@
 // What the panels share: the last state, the link, and the streams of the telemetry.
 
 import { ApiError, api } from "./api";
+import { LeaseKeeper } from "./lease";
 import { Cell, Channel } from "./store";
-import type { Frame, GaitEntry, RobotState, Run, Tick, TimelineEvent } from "./types";
+import type { Frame, GaitEntry, RobotState, Role, Run, Tick, TimelineEvent } from "./types";
 
 export type LinkPhase = "connecting" | "live" | "silent" | "lost" | "signed-out";
 
@@ -21,6 +22,11 @@ export class App {
   readonly link = new Cell<Link>({ phase: "connecting", retryAtMs: null });
   readonly state = new Cell<RobotState | null>(null);
   readonly catalogue = new Cell<GaitEntry[]>([]);
+  readonly role = new Cell<Role>("viewer");
+  readonly lease = new LeaseKeeper(this);
+  /** Of the telemetry socket, and from drive input to the session's word that it obeyed; null when not known. */
+  readonly roundTripMs = new Cell<number | null>(null);
+  readonly commandMs = new Cell<number | null>(null);
   readonly runs = new Cell<Run[]>([]);
   readonly tick = new Channel<Tick>();
   readonly frame = new Channel<Frame>();
@@ -44,9 +50,22 @@ export class App {
     }
   }
 
+  /** Do what needs control: taken first where it is free, refused where another has it. */
+  async command<T>(action: () => Promise<T>): Promise<T | null> {
+    return this.attempt(async () => {
+      await this.lease.ensure();
+      return action();
+    });
+  }
+
   report(error: unknown): void {
     if (error instanceof ApiError && error.status === 401) this.link.set({ phase: "signed-out", retryAtMs: null });
     else this.notice.emit({ level: "error", text: error instanceof Error ? error.message : String(error) });
+  }
+
+  async loadRole(): Promise<void> {
+    const answer = await this.attempt(() => api.session());
+    if (answer) this.role.set(answer.role);
   }
 
   async loadCatalogue(): Promise<void> {
@@ -57,6 +76,12 @@ export class App {
   /** Whether commands (other than the emergency stop) can be given now. */
   get commandable(): boolean {
     const state = this.state.get();
-    return this.link.get().phase === "live" && state?.session === "running" && state.source.kind === "sim";
+    const robot = state?.session === "running" && state.source.kind === "sim";
+    return this.link.get().phase === "live" && robot && this.mayCommand;
+  }
+
+  /** Whether this page has control or may have it for the asking. */
+  get mayCommand(): boolean {
+    return this.role.get() === "operator" && (this.lease.mine || this.state.get()?.control.id == null);
   }
 }

@@ -2,6 +2,7 @@
 
 import { App } from "./app";
 import { byId } from "./dom";
+import { Hands } from "./hands";
 import { mountLinkBanner, mountNotices } from "./panels/banner";
 import { mountCamera } from "./panels/camera";
 import { mountDrive } from "./panels/drive";
@@ -21,6 +22,7 @@ import { mountTabs } from "./panels/tabs";
 import { mountTopbar } from "./panels/topbar";
 import { mountViewer, reloadViewer } from "./panels/viewer";
 import { Telemetry } from "./telemetry";
+import { Teleop } from "./teleop";
 import { startTheme } from "./theme";
 import "./styles/tokens.css";
 import "./styles/base.css";
@@ -40,8 +42,19 @@ function start(): void {
   mountSource(app);
   mountGaits(app);
   mountParameters(app);
-  mountDrive(app);
-  mountViewer(app, (frame) => listenForStopKeys(frame, app, estop));
+  const hands = new Hands(app, (reason) => estop.press(reason));
+  const teleop = new Teleop(app, (detail) => {
+    hands.releaseAll(null);
+    app.notice.emit({ level: "error", text: detail });
+  });
+  const arrowsFor = (element: Element) => element === document.body || element.closest("#pad") !== null;
+  hands.listen(window, arrowsFor);
+  mountDrive(app, hands, teleop);
+  mountViewer(app, (frame) => {
+    listenForStopKeys(frame, app, estop);
+    // The arrows move the view there.
+    hands.listen(frame, () => false);
+  });
   mountCamera(app);
   mountEstimator(app);
   mountHead(app);
@@ -55,6 +68,7 @@ function start(): void {
     reloadViewer();
   });
   app.link.watch(({ phase }) => {
+    if (phase === "live") void app.loadRole();
     if (phase === "live" && app.catalogue.get().length === 0) void app.loadCatalogue();
   });
   // The gaits' defaults depend on the robot.

@@ -8,8 +8,10 @@ const FIRST_DELAY_MS = 400;
 const LAST_DELAY_MS = 6000;
 const SILENT_AFTER_MS = 2000;
 const FRAME_KIND = 1;
+const PING_EVERY_MS = 1000;
 
-type Message = ({ type: "state" } & RobotState) | ({ type: "tick" } & Tick) | ({ type: "event" } & TimelineEvent);
+type Message = ({ type: "state" } & RobotState) | ({ type: "tick" } & Tick) | ({ type: "event" } & TimelineEvent)
+  | { type: "pong"; t_ms: number };
 
 /** One byte kind, a little-endian uint32 length, that much JSON, then the JPEG. */
 export function parseFrame(buffer: ArrayBuffer): Frame | null {
@@ -31,6 +33,7 @@ export class Telemetry {
   start(): void {
     this.connect();
     window.setInterval(() => void this.checkSilence(), 500);
+    window.setInterval(() => this.ping(), PING_EVERY_MS);
   }
 
   /** Connect at once, as after signing in. */
@@ -53,6 +56,12 @@ export class Telemetry {
     };
   }
 
+  private ping(): void {
+    if (this.socket?.readyState === WebSocket.OPEN) {
+      this.socket.send(JSON.stringify({ type: "ping", t_ms: Math.round(performance.now() * 10) / 10 }));
+    } else this.app.roundTripMs.set(null);
+  }
+
   private receive(data: string | ArrayBuffer): void {
     this.heard();
     if (typeof data !== "string") {
@@ -64,6 +73,7 @@ export class Telemetry {
     if (message.type === "tick") this.app.tick.emit(message);
     else if (message.type === "event") this.app.timeline.emit(message);
     else if (message.type === "state") this.app.state.set(message);
+    else if (message.type === "pong") this.app.roundTripMs.set(performance.now() - message.t_ms);
   }
 
   private heard(): void {

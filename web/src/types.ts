@@ -75,11 +75,23 @@ export interface Health {
   tracks: number;
 }
 
+export type Role = "viewer" | "operator";
+
+/** The right to move the robot, as its holder has it. */
+export interface Lease {
+  key: string;
+  id: number;
+  holder: string;
+  seconds: number;
+}
+
 export interface RobotState {
   source: { kind: "sim" | "recording"; name: string };
   t_s: number;
   moving: boolean;
   estop: { latched: boolean; reason: string | null };
+  /** Who may move the robot; null while nobody has taken control. */
+  control: { id: number | null; holder: string | null };
   gait: GaitState;
   /** What the operator should know of the gait, such as that it barely advances. */
   notice: string | null;
@@ -100,6 +112,8 @@ export interface Tick {
   q_target: number[];
   q_measured: number[];
   moving: boolean;
+  drive: number;
+  turn: number;
   head: HeadMotion;
   health: Health;
   error_m: number | null;

@@ -1,14 +1,18 @@
-// Start, stop and turn.
+// Who has control, the pad to drive with, start, stop and turn.
 
 import { api } from "../api";
 import type { App } from "../app";
 import { byId, h, icon, setText } from "../dom";
 import { fixed } from "../format";
+import type { Hands } from "../hands";
+import type { Teleop } from "../teleop";
+import { makeControl } from "./control";
 import { inForce } from "./gaits";
+import { makePad } from "./pad";
 
 const SEND_EVERY_MS = 150;
 
-export function mountDrive(app: App): void {
+export function mountDrive(app: App, hands: Hands, teleop: Teleop): void {
   const start = h("button", { class: "button start", type: "button", id: "start" }, icon("play"), "Start");
   const stop = h("button", { class: "button stop", type: "button", id: "stop" }, icon("square"), "Stop");
   const turn = h("input", { type: "range", id: "turn", min: -1, max: 1, step: 0.05, value: 0, class: "centred" });
@@ -16,11 +20,13 @@ export function mountDrive(app: App): void {
   const straight = h("button", { class: "text-button", type: "button", id: "straight" }, "Straight");
   const why = h("p", { class: "hint", id: "drive-note" });
   byId("drive").append(
+    makeControl(app),
+    makePad(app, hands, teleop),
     h("div", { class: "turn" }, h("label", { for: "turn" }, "Turn"), reading, straight, turn, ends()),
     why,
     h("div", { class: "drive-actions" }, start, stop),
   );
-  start.addEventListener("click", () => void app.attempt(() => api.start()));
+  start.addEventListener("click", () => void app.command(() => api.start()));
   stop.addEventListener("click", () => void app.attempt(() => api.stop()));
 
   const sender = new TurnSender(app);
@@ -40,7 +46,9 @@ export function mountDrive(app: App): void {
     const state = app.state.get();
     const ready = app.commandable;
     start.disabled = !ready || state?.estop.latched === true || state?.moving === true;
-    stop.disabled = !ready || state?.moving !== true;
+    // Stopping needs no control.
+    const stoppable = app.link.get().phase === "live" && state?.source.kind === "sim" && app.role.get() === "operator";
+    stop.disabled = !stoppable || state?.moving !== true;
     turn.disabled = straight.disabled = !ready || !canTurn(app);
     if (state && !sender.busy && document.activeElement !== turn) show(state.gait.turn);
     setText(why, note(app));
@@ -48,6 +56,8 @@ export function mountDrive(app: App): void {
   app.state.watch(sync);
   app.catalogue.watch(sync);
   app.link.watch(sync);
+  app.role.watch(sync);
+  app.lease.current.watch(sync);
 }
 
 function ends(): HTMLElement {
@@ -89,7 +99,7 @@ class TurnSender {
     while (this.waiting !== null) {
       const turn = this.waiting;
       this.waiting = null;
-      await this.app.attempt(() => api.setGait(this.request(turn)));
+      await this.app.command(() => api.setGait(this.request(turn)));
       await new Promise((resolve) => setTimeout(resolve, SEND_EVERY_MS));
     }
     this.busy = false;

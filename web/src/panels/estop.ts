@@ -18,7 +18,7 @@ export class EStop {
     this.button.append(icon("octagon"), this.words);
     this.banner.append(icon("octagon"), this.bannerText, this.reset);
     this.button.addEventListener("click", () => this.press("E-stop pressed on the page"));
-    this.reset.addEventListener("click", () => void app.attempt(() => api.resetEstop()));
+    this.reset.addEventListener("click", () => void app.command(() => api.resetEstop()));
     app.state.watch(() => this.show());
     app.link.watch(() => this.show());
   }

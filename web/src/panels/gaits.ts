@@ -45,13 +45,15 @@ export function mountGaits(app: App): void {
   app.catalogue.watch(build);
   app.state.watch((state) => (state && state.robot.joints > 0 && state.robot.joints !== joints ? build() : mark()));
   app.link.watch(mark);
+  app.role.watch(mark);
+  app.lease.current.watch(mark);
   animate(() => cards.map((card) => card.drawing), (index) => cards[index]?.button.ariaPressed === "true");
 }
 
 function makeCard(app: App, entry: GaitEntry, joints: number): Card {
   const drawing = new GaitDrawing(entry.name, defaults(entry), joints);
   const turn = () => app.state.get()?.gait.turn ?? 0;
-  const choose = () => void app.attempt(() => api.setGait({ name: entry.name, ...defaults(entry), turn: turn() }));
+  const choose = () => void app.command(() => api.setGait({ name: entry.name, ...defaults(entry), turn: turn() }));
   const button = h(
     "button",
     { class: "gait-card", type: "button", "data-gait": entry.name, title: entry.summary, onclick: choose },

@@ -13,6 +13,8 @@ export function mountHeadControl(app: App): void {
   const panel = new HeadControlPanel(app);
   app.state.watch(() => panel.sync());
   app.link.watch(() => panel.sync());
+  app.role.watch(() => panel.sync());
+  app.lease.current.watch(() => panel.sync());
 }
 
 class HeadControlPanel {
@@ -119,6 +121,6 @@ class HeadControlPanel {
   }
 
   private send(request: HeadRequest): void {
-    void this.app.attempt(() => api.setHead(request)).then(() => this.sync());
+    void this.app.command(() => api.setHead(request)).then(() => this.sync());
   }
 }

@@ -6,10 +6,13 @@ import { openDialog, prepareDialog } from "./dialog";
 const KEYS: [string, string][] = [
   ["Space", "Emergency stop (except while typing in a text field). Buttons are pressed with Enter."],
   ["Esc", "Emergency stop. With the robot at rest it only closes an open dialog."],
+  ["W A S D", "Drive while held: forward, left, back, right. On the pad the arrow keys do the same."],
+  ["Gamepad", "Left stick or cross drives while held; B (circle) is the emergency stop."],
   ["Tab", "To the next control; Enter presses it."],
 ];
 
 const WORDS: [string, string][] = [
+  ["Control", "One page at a time may move the robot. Another can take it over; the emergency stop is everybody's."],
   ["Emergency stop", "Latches: the robot holds still until Reset and then Start."],
   ["Yaw, yaw rate, sway", "How the head moves about its mean heading and across its way, over the last period of the gait. A still head gives sharp pictures."],
   ["Head control", "Bends the front joints (the neck) against the body's swing. Arrow keys look at the controllers, Enter chooses one."],

@@ -10,6 +10,13 @@ import { Heatmap } from "./heatmap";
 const WINDOW_S = 20;
 const REDRAW_MS = 120;
 const MOST_CHOSEN = 6;
+const SPANS_S = [20, 10, 5, 2];
+const LEAST_DRAG_PX = 8;
+
+interface Zoom {
+  x: [number, number];
+  y: [number, number];
+}
 
 export function mountJoints(app: App): void {
   const panel = new JointsPanel();
@@ -22,6 +29,9 @@ class JointsPanel {
   readonly history = new JointHistory(WINDOW_S);
   private chosen: number[] = [];
   private paused = false;
+  private all = false;
+  private span_s = WINDOW_S;
+  private zoom: Zoom | null = null;
   private plot: uPlot | null = null;
   private joints = 0;
   private readonly holder = h("div", { class: "plot", id: "joint-plot" });
@@ -31,18 +41,38 @@ class JointsPanel {
   private readonly heatmap = new Heatmap((joint) => this.toggle(joint));
   private readonly pause = h("button", { class: "toggle", type: "button", "aria-pressed": "false", id: "joints-pause" }, "Pause");
 
+  private readonly every = h("button", { class: "toggle", type: "button", "aria-pressed": "false", id: "joints-all" }, "All");
+  private readonly whole = h("button", { class: "toggle", type: "button", id: "joints-whole", hidden: true }, "Zoom out");
+  private readonly span = h(
+    "select",
+    { id: "joints-span", "aria-label": "Time shown" },
+    ...SPANS_S.map((seconds) => h("option", { value: seconds }, `${seconds} s`)),
+  );
+
   constructor() {
-    this.pause.addEventListener("click", () => {
-      this.paused = !this.paused;
-      this.pause.setAttribute("aria-pressed", String(this.paused));
+    this.pause.addEventListener("click", () => this.setPaused(!this.paused));
+    this.every.title = "Every joint as measured";
+    this.every.addEventListener("click", () => {
+      this.all = !this.all;
+      this.every.setAttribute("aria-pressed", String(this.all));
+      this.rebuild();
     });
+    this.whole.addEventListener("click", () => this.zoomTo(null));
+    this.span.addEventListener("change", () => {
+      this.span_s = Number(this.span.value);
+      this.zoomTo(null);
+    });
+    this.holder.title = "Drag to zoom";
     byId("joints").append(
       h(
         "div",
         { class: "plot-bar" },
         this.chips,
         h("span", { class: "line-key" }, h("i", { class: "solid" }), "meas. ", h("i", { class: "dashed" }), "cmd."),
-        h("details", { class: "picker" }, h("summary", {}, "Choose joints", icon("chevron")), this.grid),
+        this.span,
+        this.whole,
+        this.every,
+        h("details", { class: "picker", "aria-label": "Choose joints" }, h("summary", {}, "Pick", icon("chevron")), this.grid),
         this.pause,
       ),
       h(
@@ -58,6 +88,29 @@ class JointsPanel {
       ),
     );
     new ResizeObserver(() => this.resize()).observe(this.holder);
+  }
+
+  private setPaused(paused: boolean): void {
+    this.paused = paused;
+    this.pause.setAttribute("aria-pressed", String(paused));
+    if (!paused) this.zoomTo(null);
+  }
+
+  /** Show a part; time stands still meanwhile, or it would run out of the picture. */
+  private zoomTo(zoom: Zoom | null): void {
+    this.zoom = zoom;
+    this.whole.hidden = zoom === null;
+    if (zoom && !this.paused) this.setPaused(true);
+    this.plot?.setData(this.data());
+  }
+
+  private onSelect(plot: uPlot): void {
+    const { left, top, width, height } = plot.select;
+    if (width < LEAST_DRAG_PX && height < LEAST_DRAG_PX) return;
+    const x: [number, number] = [plot.posToVal(left, "x"), plot.posToVal(left + width, "x")];
+    const y: [number, number] = [plot.posToVal(top + height, "y"), plot.posToVal(top, "y")];
+    plot.setSelect({ left: 0, top: 0, width: 0, height: 0 }, false);
+    this.zoomTo({ x, y });
   }
 
   refresh(): void {
@@ -120,6 +173,10 @@ class JointsPanel {
   private data(): uPlot.AlignedData {
     const { samples, end_s } = this.history;
     const columns: number[][] = [samples.map((sample) => sample.t_s - end_s)];
+    if (this.all) {
+      for (let joint = 0; joint < this.joints; joint++) columns.push(samples.map((sample) => sample.measured[joint] ?? 0));
+      return columns as uPlot.AlignedData;
+    }
     for (const joint of this.chosen) {
       columns.push(samples.map((sample) => sample.target[joint - 1] ?? 0));
       columns.push(samples.map((sample) => sample.measured[joint - 1] ?? 0));
@@ -131,7 +188,10 @@ class JointsPanel {
     const axis = { stroke: cssColour("--muted"), grid: { stroke: cssColour("--grid"), width: 1 }, ticks: { show: false } };
     const font = "11px system-ui, sans-serif";
     const series: uPlot.Series[] = [{}];
-    this.chosen.forEach((_, index) => {
+    // From tail to head through the colours.
+    const hue = (joint: number) => `hsl(${Math.round((300 * joint) / Math.max(1, this.joints - 1))} 65% 50%)`;
+    for (let joint = 0; this.all && joint < this.joints; joint++) series.push({ stroke: hue(joint), width: 1.2, points: { show: false } });
+    if (!this.all) this.chosen.forEach((_, index) => {
       const stroke = cssColour(`--series-${index}`);
       series.push({ stroke, width: 1.2, dash: [5, 4], points: { show: false } });
       series.push({ stroke, width: 2, points: { show: false } });
@@ -141,9 +201,10 @@ class JointsPanel {
       height,
       series,
       legend: { show: false },
-      cursor: { show: false },
+      cursor: { points: { show: false }, x: false, y: false, drag: { x: true, y: true, uni: 20, setScale: false, dist: LEAST_DRAG_PX } },
+      hooks: { setSelect: [(plot) => this.onSelect(plot)] },
       padding: [8, 14, 0, 0],
-      scales: { x: { time: false, range: [-WINDOW_S, 0] }, y: { range: (_, low, high) => paddedRange(low, high) } },
+      scales: { x: { time: false, range: () => this.zoom?.x ?? [-this.span_s, 0] }, y: { range: (_, low, high) => this.zoom?.y ?? paddedRange(low, high) } },
       axes: [
         { ...axis, font, size: 26, values: (_, ticks) => ticks.map((tick) => (tick === 0 ? "now" : `${tick} s`)) },
         { ...axis, font, size: 44, values: (_, ticks) => ticks.map((tick) => `${tick}\u00b0`) },

@@ -7,12 +7,15 @@ import { fixed, stepDecimals, unitSign } from "../format";
 import { besselJ0 } from "../snake";
 import type { GaitEntry, GaitParameter, ParameterKey, ParameterValues } from "../types";
 import { defaults, inForce } from "./gaits";
+import { PresetPicker } from "./presets";
 
 export function mountParameters(app: App): void {
   const panel = new ParametersPanel(app);
   app.catalogue.watch(() => panel.sync());
   app.state.watch(() => panel.sync());
   app.link.watch(() => panel.sync());
+  app.role.watch(() => panel.sync());
+  app.lease.current.watch(() => panel.sync());
 }
 
 class Field {
@@ -87,7 +90,14 @@ class ParametersPanel {
   private readonly notice = h("p", { class: "caution", id: "gait-notice", role: "status" }, icon("warn"), this.noticeText);
   private readonly apply = h("button", { class: "button primary", type: "submit", id: "gait-apply" }, "Apply");
   private readonly restore = h("button", { class: "button", type: "button", id: "gait-defaults" }, "Defaults");
-  private readonly group = h("fieldset", {}, this.list, this.notice, this.hint, h("div", { class: "row" }, this.restore, this.apply));
+  private readonly presets = new PresetPicker(
+    (values) => {
+      this.fill(values);
+      this.onEdit();
+    },
+    () => (this.fields.every((field) => field.valid) ? this.values() : null),
+  );
+  private readonly group = h("fieldset", {}, this.presets.root, this.list, this.notice, this.hint, h("div", { class: "row" }, this.restore, this.apply));
 
   constructor(private readonly app: App) {
     const form = h("form", { novalidate: true, "aria-label": "Gait parameters" }, this.summary, this.group);
@@ -118,6 +128,7 @@ class ParametersPanel {
     this.entry = entry;
     this.edited = false;
     this.fields = entry?.parameters.map((parameter) => new Field(parameter, () => this.onEdit())) ?? [];
+    this.presets.build(entry);
     this.list.replaceChildren(...this.fields.map((field) => field.root));
     setText(this.summary, entry?.summary ?? "");
   }
@@ -148,12 +159,16 @@ class ParametersPanel {
     return `At this angle an ideal body advances ${fixed(100 * besselJ0(alpha.value * Math.PI), 0)} % of the wave.`;
   }
 
+  private values(): ParameterValues {
+    return Object.fromEntries(this.fields.map((field) => [field.key, field.value]));
+  }
+
   private async send(): Promise<void> {
     if (!this.entry) return;
-    const values = Object.fromEntries(this.fields.map((field) => [field.key, field.value])) as ParameterValues;
+    const values = this.values();
     const turn = this.app.state.get()?.gait.turn ?? 0;
     const name = this.entry.name;
-    const answer = await this.app.attempt(() => api.setGait({ name, ...values, turn }).then(() => true));
+    const answer = await this.app.command(() => api.setGait({ name, ...values, turn }).then(() => true));
     if (answer) this.edited = false;
     this.sync();
   }

@@ -87,7 +87,7 @@ class SourceDialog {
 
   private choose(action: () => Promise<unknown>): void {
     this.dialog.close();
-    void this.app.attempt(action);
+    void this.app.command(action);
   }
 
   private async load(): Promise<void> {

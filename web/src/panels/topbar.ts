@@ -5,6 +5,7 @@ import { type IconName, byId, h, icon, setText } from "../dom";
 import { age, clock, fixed } from "../format";
 import { shownTheme, toggleTheme } from "../theme";
 import type { RobotState } from "../types";
+import { controlChip } from "./control";
 
 const REFRESH_MS = 200;
 
@@ -29,13 +30,21 @@ function sessionWords(state: RobotState | null): string {
 }
 
 export function mountTopbar(app: App, openHelp: () => void): void {
+  const control = chip("control-state", "Control");
   const link = chip("link-state", "Link");
+  const trip = chip("round-trip", "Round trip");
+  const command = chip("command-age", "Command");
+  const rate = chip("frame-rate", "Camera");
   const session = chip("session-state", "Session");
   const time = chip("session-time", "Time");
   const factor = chip("realtime-factor", "Real time");
   const dot = h("span", { class: "dot", "aria-hidden": "true" });
   link.value.before(dot);
-  byId("chips").append(link.root, session.root, time.root, factor.root);
+  trip.root.title = "From the page to the server and back";
+  command.root.title = "From the last drive input to the session's word that it obeyed";
+  for (const minor of [trip, command, rate, time]) minor.root.classList.add("chip-minor");
+  const order = [control, link, trip, command, session, time, factor, rate];
+  byId("chips").append(...order.map(({ root }) => root));
 
   const theme = iconButton("moon", "Switch between dark and light", () => {
     toggleTheme();
@@ -46,7 +55,10 @@ export function mountTopbar(app: App, openHelp: () => void): void {
   byId("tools").append(iconButton("help", "Keys and help", openHelp), theme);
 
   let last: { t_s: number; realtime_factor: number | null } | null = null;
-  app.tick.on((tick) => (last = tick));
+  app.tick.on((tick) => {
+    last = tick;
+    setText(rate.value, tick.frame_rate_hz === null ? "\u2013" : `${fixed(tick.frame_rate_hz, 1)} Hz`);
+  });
   app.theme.on(paintTheme);
   app.state.watch((state) => {
     last = state;
@@ -57,11 +69,18 @@ export function mountTopbar(app: App, openHelp: () => void): void {
     const now = app.link.get();
     setText(link.value, linkWords(now, app.lastMessageMs, performance.now()));
     dot.dataset["phase"] = now.phase;
+    setText(control.value, controlChip(app));
+    setText(trip.value, milliseconds(app.roundTripMs.get()));
+    setText(command.value, milliseconds(app.commandMs.get()));
     setText(time.value, clock(last?.t_s));
     setText(factor.value, last ? `${fixed(last.realtime_factor, 2)} \u00d7` : "\u2013");
   };
   window.setInterval(refresh, REFRESH_MS);
   app.link.watch(refresh);
+}
+
+function milliseconds(value: number | null): string {
+  return value === null ? "\u2013" : `${fixed(value, 0)} ms`;
 }
 
 function iconButton(name: IconName, label: string, onclick: () => void): HTMLButtonElement {

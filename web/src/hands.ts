@@ -1,0 +1,139 @@
+// What is held: keys, pad buttons, gamepad. Everything is let go when the page cannot be trusted to see the robot.
+
+import type { App } from "./app";
+import { Cell } from "./store";
+import type { Wish } from "./teleop";
+
+const DRIVE_KEYS: Record<string, Wish> = {
+  KeyW: { drive: 1, turn: 0 },
+  KeyS: { drive: -1, turn: 0 },
+  KeyA: { drive: 0, turn: 1 },
+  KeyD: { drive: 0, turn: -1 },
+};
+const ARROWS: Record<string, string> = { ArrowUp: "KeyW", ArrowDown: "KeyS", ArrowLeft: "KeyA", ArrowRight: "KeyD" };
+const DEAD_ZONE = 0.15;
+const STOP_BUTTON = 1; // B, or the circle
+const GAMEPAD = "gamepad";
+const LOOK_MS = 50;
+/** A picture is frozen after four of its usual intervals, within these bounds. */
+const FROZEN_MS: [number, number] = [1000, 4000];
+const FROZEN_LOOKS = 3;
+
+const clip = (value: number): number => Math.max(-1, Math.min(1, value));
+
+export class Hands {
+  readonly wish = new Cell<Wish>({ drive: 0, turn: 0 });
+  /** Share of the full pace. */
+  speed = 1;
+  private readonly held = new Map<string, Wish>();
+  private lastFrameMs: number | null = null;
+  private intervalMs = 250;
+  private frozenLooks = 0;
+  /** A stick that was let go by force must come to rest before it counts again. */
+  private stickArmed = false;
+  private stopWasDown = false;
+
+  constructor(
+    private readonly app: App,
+    private readonly onStop: (reason: string) => void,
+  ) {
+    window.addEventListener("blur", () => this.releaseAll("the window lost the focus"));
+    document.addEventListener("visibilitychange", () => document.hidden && this.releaseAll("the page is hidden"));
+    window.addEventListener("gamepaddisconnected", () => this.releaseAll("the gamepad was unplugged"));
+    app.link.watch(({ phase }) => phase !== "live" && this.releaseAll("the link is down"));
+    app.state.watch((state) => state?.estop.latched === true && this.releaseAll(null));
+    app.frame.on(() => this.noteFrame());
+    window.setInterval(() => this.look(), LOOK_MS);
+  }
+
+  get gamepad(): string | null {
+    return navigator.getGamepads().find((pad) => pad?.connected)?.id ?? null;
+  }
+
+  hold(source: string, wish: Wish): void {
+    if (!this.app.commandable || this.app.state.get()?.estop.latched === true) return;
+    if (this.frozen) return this.app.notice.emit({ level: "error", text: "The camera picture is frozen: driving waits for it" });
+    this.held.set(source, wish);
+    this.combine();
+  }
+
+  release(source: string): void {
+    if (this.held.delete(source)) this.combine();
+  }
+
+  releaseAll(why: string | null): void {
+    this.stickArmed = false;
+    if (this.held.size === 0) return;
+    this.held.clear();
+    this.combine();
+    if (why !== null) this.app.notice.emit({ level: "error", text: `The drive was let go: ${why}` });
+  }
+
+  /** W, A, S, D anywhere but in fields; the arrows where nothing else uses them. */
+  listen(target: Window, arrowsFor: (element: Element) => boolean): void {
+    const named = (event: KeyboardEvent): string | null => {
+      const element = event.target instanceof Element ? event.target : null;
+      if (event.ctrlKey || event.altKey || event.metaKey || element?.matches("input, textarea, select")) return null;
+      if (event.code in DRIVE_KEYS) return event.code;
+      return element && arrowsFor(element) ? (ARROWS[event.code] ?? null) : null;
+    };
+    target.addEventListener("keydown", (event) => {
+      const key = named(event);
+      if (key === null) return;
+      event.preventDefault();
+      const wish = DRIVE_KEYS[key];
+      if (!event.repeat && wish) this.hold(event.code, wish);
+    });
+    // On the way down, whatever has the focus by now: a lost key-up would drive on.
+    target.addEventListener("keyup", (event) => this.release(event.code), { capture: true });
+    target.addEventListener("blur", () => this.releaseAll(null));
+  }
+
+  /** Seen at several looks: a page that was busy itself has pictures waiting. */
+  private get frozen(): boolean {
+    return this.frozenLooks >= FROZEN_LOOKS;
+  }
+
+  private noteFrame(): void {
+    const now = performance.now();
+    if (this.lastFrameMs !== null) this.intervalMs += 0.1 * (now - this.lastFrameMs - this.intervalMs);
+    this.lastFrameMs = now;
+    this.frozenLooks = 0;
+  }
+
+  private look(): void {
+    const limit = Math.min(Math.max(4 * this.intervalMs, FROZEN_MS[0]), FROZEN_MS[1]);
+    const old = this.lastFrameMs !== null && performance.now() - this.lastFrameMs > limit;
+    this.frozenLooks = old ? this.frozenLooks + 1 : 0;
+    if (this.held.size > 0 && this.frozen) this.releaseAll("the camera picture is frozen");
+    const pad = navigator.getGamepads().find((candidate) => candidate?.connected);
+    if (pad) this.readPad(pad);
+  }
+
+  private readPad(pad: Gamepad): void {
+    const down = pad.buttons[STOP_BUTTON]?.pressed === true;
+    if (down && !this.stopWasDown) this.onStop("Gamepad button pressed");
+    this.stopWasDown = down;
+    const pressed = (index: number) => (pad.buttons[index]?.pressed === true ? 1 : 0);
+    const axis = (index: number) => {
+      const value = pad.axes[index] ?? 0;
+      return Math.abs(value) < DEAD_ZONE ? 0 : value;
+    };
+    const drive = clip(-axis(1) + pressed(12) - pressed(13));
+    const turn = clip(-axis(0) + pressed(14) - pressed(15));
+    if (drive === 0 && turn === 0) {
+      this.stickArmed = true;
+      this.release(GAMEPAD);
+    } else if (this.stickArmed && document.hasFocus()) this.hold(GAMEPAD, { drive, turn });
+  }
+
+  private combine(): void {
+    let drive = 0;
+    let turn = 0;
+    for (const wish of this.held.values()) {
+      drive += wish.drive;
+      turn += wish.turn;
+    }
+    this.wish.set({ drive: clip(drive) * this.speed, turn: clip(turn) });
+  }
+}

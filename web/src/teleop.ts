@@ -1,0 +1,106 @@
+// The teleop socket: open while this page has control; drive input while it is held, and one zero on release.
+
+import type { App } from "./app";
+import { Cell } from "./store";
+
+const SEND_EVERY_MS = 66;
+const PING_EVERY_MS = 1000;
+const FIRST_PINGS_MS = 150;
+const RECONNECT_MS = 500;
+const MOST_WAITING_BYTES = 4096;
+const LOST_CONTROL = 4001;
+
+export interface Wish {
+  drive: number;
+  turn: number;
+}
+
+type Answer =
+  | { type: "ready" }
+  | { type: "pong"; t_ms: number }
+  | { type: "done"; seq: number; t_ms: number }
+  | { type: "refused"; seq: number; t_ms: number; detail: string };
+
+export class Teleop {
+  /** Whether drive input can be sent now. */
+  readonly ready = new Cell(false);
+  private socket: WebSocket | null = null;
+  private seq = 0;
+  private wish: Wish = { drive: 0, turn: 0 };
+  private timer = 0;
+
+  constructor(
+    private readonly app: App,
+    /** Called when the server refuses a drive: whatever is held must be let go. */
+    private readonly onRefused: (detail: string) => void,
+  ) {
+    app.lease.current.watch((lease) => (lease ? this.open(lease.key) : this.close()));
+    window.setInterval(() => this.ping(), PING_EVERY_MS);
+  }
+
+  /** Drive like this until told otherwise; a zero is sent once. */
+  set(wish: Wish): void {
+    const before = this.wish;
+    this.wish = wish;
+    const moves = wish.drive !== 0;
+    if (moves && this.timer === 0) this.timer = window.setInterval(() => this.send(), SEND_EVERY_MS);
+    if (!moves) {
+      window.clearInterval(this.timer);
+      this.timer = 0;
+    }
+    if (moves || before.drive !== 0) this.send();
+  }
+
+  private send(): void {
+    const socket = this.socket;
+    if (!socket || !this.ready.get()) return;
+    // Old input that waits to be sent is worth nothing; a zero always goes.
+    if (this.wish.drive !== 0 && socket.bufferedAmount > MOST_WAITING_BYTES) return;
+    this.say({ type: "drive", seq: ++this.seq, ...this.wish });
+  }
+
+  private ping(): void {
+    if (this.socket?.readyState === WebSocket.OPEN) this.say({ type: "ping" });
+  }
+
+  private say(message: object): void {
+    this.socket?.send(JSON.stringify({ ...message, t_ms: performance.now() }));
+  }
+
+  private open(key: string): void {
+    this.close();
+    const scheme = location.protocol === "https:" ? "wss" : "ws";
+    const socket = new WebSocket(`${scheme}://${location.host}/api/v1/teleop`);
+    this.socket = socket;
+    socket.onopen = () => {
+      socket.send(JSON.stringify({ type: "hello", lease: key }));
+      // Several, so that the quickest of them tells the clocks' difference.
+      for (const delay of [0, FIRST_PINGS_MS, 2 * FIRST_PINGS_MS]) window.setTimeout(() => this.ping(), delay);
+    };
+    socket.onmessage = (event: MessageEvent<string>) => this.hear(JSON.parse(event.data) as Answer);
+    socket.onclose = (event) => {
+      if (this.socket === socket) this.dropped(event.code, key);
+    };
+  }
+
+  private hear(answer: Answer): void {
+    if (answer.type === "pong") this.ready.set(true);
+    else if (answer.type === "done") this.app.commandMs.set(performance.now() - answer.t_ms);
+    else if (answer.type === "refused") this.onRefused(answer.detail);
+  }
+
+  private dropped(code: number, key: string): void {
+    this.socket = null;
+    this.ready.set(false);
+    if (code === LOST_CONTROL) this.app.lease.lost();
+    else window.setTimeout(() => this.app.lease.current.get()?.key === key && this.open(key), RECONNECT_MS);
+  }
+
+  private close(): void {
+    const socket = this.socket;
+    this.socket = null;
+    this.ready.set(false);
+    this.app.commandMs.set(null);
+    socket?.close();
+  }
+}

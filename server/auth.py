@@ -1,6 +1,7 @@
 """Who may talk to the server, and as what: one-time codes, session cookies, bearer tokens, Host and Origin checks."""
 
 import hashlib
+import hmac
 import ipaddress
 import os
 import secrets
@@ -8,7 +9,7 @@ import socket
 from collections.abc import Callable
 from dataclasses import dataclass
 from http import HTTPStatus
-from time import monotonic
+from time import time
 from typing import Literal
 from urllib.parse import urlsplit
 
@@ -23,7 +24,6 @@ TOKEN_VARIABLE = "SNAKESLAM_TOKEN"
 VIEWER_VARIABLE = "SNAKESLAM_VIEWER_TOKEN"
 LEAST_TOKEN_LENGTH = 16
 SESSION_S = 12 * 3600.0
-MAX_SESSIONS = 64
 LEASE_HEADER = "control-lease"
 Role = Literal["viewer", "operator"]
 
@@ -68,14 +68,18 @@ def _token_in(variable: str) -> str | None:
 
 
 class Auth:
-    """Knows the tokens, the code of the next sign-in URL and the open sessions with their roles."""
+    """Knows the tokens and the code of the next sign-in URL, and signs sessions.
+
+    A session is role.expiry.nonce.MAC under a key made from the token: who sets the token keeps everybody signed in
+    when the server starts again.
+    """
 
     def __init__(self, token: str, announce: Callable[[str], None], viewer_token: str | None = None) -> None:
         self._tokens: dict[Role, str] = {"operator": token}
         if viewer_token is not None:
             self._tokens["viewer"] = viewer_token
         self._announce = announce
-        self._sessions: dict[str, tuple[float, Role]] = {}
+        self._ended: dict[str, float] = {}
         self.code = secrets.token_urlsafe(24)
 
     def redeem(self, code: str) -> str | None:
@@ -93,7 +97,10 @@ class Auth:
 
     def sign_out(self, connection: HTTPConnection) -> None:
         """End the session of a request, if it has one."""
-        self._sessions.pop(connection.cookies.get(COOKIE, ""), None)
+        session, now = connection.cookies.get(COOKIE, ""), time()
+        if self._role_in(session) is not None:
+            self._ended = {ended: until for ended, until in self._ended.items() if until > now}
+            self._ended[session] = now + SESSION_S
 
     def caller(self, connection: HTTPConnection) -> Caller | None:
         """Return who asks: by token or open session; None for a stranger."""
@@ -102,22 +109,35 @@ class Auth:
         role = self._role_of(credential) if scheme.lower() == "bearer" else None
         if role is None:
             credential = connection.cookies.get(COOKIE, "")
-            expires, role = self._sessions.get(credential, (0.0, None))
-            if role is None or monotonic() >= expires:
-                return None
+            role = self._role_in(credential)
+        if role is None:
+            return None
         identity = hashlib.sha256(credential.encode()).hexdigest()[:12]
         return Caller(role, identity, connection.headers.get(LEASE_HEADER))
 
     def _role_of(self, token: str) -> Role | None:
-        return next((role for role, known in self._tokens.items() if _same(token, known)), None)
+        for role, known in self._tokens.items():
+            if _same(token, known):
+                return role
+        return None
 
     def _open(self, role: Role) -> str:
-        now = monotonic()
-        live = sorted((item for item in self._sessions.items() if item[1][0] > now), key=lambda item: -item[1][0])
-        self._sessions = dict(live[: MAX_SESSIONS - 1])
-        session = secrets.token_urlsafe(32)
-        self._sessions[session] = now + SESSION_S, role
-        return session
+        claim = f"{role}.{round(time() + SESSION_S)}.{secrets.token_urlsafe(18)}"
+        return f"{claim}.{self._mac(role, claim)}"
+
+    def _role_in(self, session: str) -> Role | None:
+        """Return the role that a session opens, None for one that is forged, over or ended."""
+        claim, _, mac = session.rpartition(".")
+        name, _, rest = claim.partition(".")
+        if name not in ("operator", "viewer") or name not in self._tokens:
+            return None
+        role: Role = name
+        if not _same(mac, self._mac(role, claim)) or session in self._ended:
+            return None
+        return role if time() < int(rest.partition(".")[0]) else None
+
+    def _mac(self, role: Role, claim: str) -> str:
+        return hmac.new(b"session:" + self._tokens[role].encode(), claim.encode(), "sha256").hexdigest()
 
 
 def _same(given: str, wanted: str) -> bool:

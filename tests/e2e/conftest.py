@@ -43,6 +43,16 @@ class Dashboard:
     login_url: str
     page: Page
     complaints: Complaints
+    lease_key: str = ""
+
+    def take_control(self) -> str:
+        """Have the page in control; return its lease's key, so that a script may act in its name."""
+        if self.lease_key == "" or not self.page.locator("#control-release").is_visible():
+            with self.page.expect_response("**/control/lease") as answer:
+                self.page.locator("#control-take").click()
+            self.lease_key = answer.value.json()["key"]
+            expect(self.page.locator("#control-state")).to_have_text("You")
+        return self.lease_key
 
 
 def start_dashboard(folder: Path, *settings: str) -> tuple[Running, str]:

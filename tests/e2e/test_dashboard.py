@@ -42,7 +42,8 @@ def page(dashboard: Dashboard) -> Page:
 
 @pytest.fixture
 def client(dashboard: Dashboard) -> Iterator[httpx.Client]:
-    with dashboard.server.client() as client:
+    """A script that acts in the page's name."""
+    with dashboard.server.client(headers={"Control-Lease": dashboard.take_control()}) as client:
         yield client
 
 

@@ -71,14 +71,16 @@ def children(pid: int) -> set[int]:
     return found
 
 
-def start(folder: Path, token: str | None = TOKEN, recordings: str = "", log: IO[str] | None = None) -> Running:
+def start(
+    folder: Path, token: str | None = TOKEN, recordings: str = "", log: IO[str] | None = None, port: int = 0
+) -> Running:
     env = {key: value for key, value in os.environ.items() if key != "SNAKESLAM_TOKEN"}
     env["PYTHONPATH"] = os.pathsep.join([str(CHECKOUT), *filter(None, [env.get("PYTHONPATH")])])
     if token is not None:
         env["SNAKESLAM_TOKEN"] = token
         env["SNAKESLAM_VIEWER_TOKEN"] = VIEWER_TOKEN
     folders = [recordings] if recordings else []
-    command = [sys.executable, "-m", "tests.server.serve_still", "0", "127.0.0.1", *folders]
+    command = [sys.executable, "-m", "tests.server.serve_still", str(port), "127.0.0.1", *folders]
     process = subprocess.Popen(command, cwd=folder, env=env, stdout=subprocess.PIPE, stderr=log, text=True)
     running = Running(process, folder)
     while not (found := re.search(r"Open (http://[^/]+)/login", running.next_line())):

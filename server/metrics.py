@@ -46,6 +46,9 @@ class Metrics:
 
     def _control(self) -> None:
         self.moving = self._gauge("moving", "1 while the robot is told to move")
+        self.governed = self._gauge(
+            "governed_pace", "Share of the pace that the governor allows, NaN without"
+        )
         self.drive_now = self._gauge("drive", "Drive in force, -1 to 1")
         self.estop = self._gauge("estop_latched", "1 while the E-stop is latched")
         self.leased = self._gauge("lease_held", "1 while somebody has control")
@@ -74,6 +77,7 @@ class Metrics:
         self.error.set(_or_nan(tick.error_m))
         self.yaw_rms.set(_or_nan(tick.head.yaw_rms_deg))
         self.moving.set(tick.moving)
+        self.governed.set(_or_nan(None if tick.governed is None else tick.governed.pace))
         self.drive_now.set(0.0 if tick.gait is None else tick.gait.drive)
         self.estop.set(tick.estop_reason is not None)
 

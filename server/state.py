@@ -11,6 +11,7 @@ from server.live import Live, View
 from snakeslam.head.settings import HeadSettings
 from snakeslam.messages import Float, GaitCommand, Health, Verdict
 from snakeslam.robot.model import snake_model
+from snakeslam.runtime.governor import Governed
 from snakeslam.runtime.topics import Event, HeadMotion, Picture, Tick
 
 FRAME = b"\x01"
@@ -92,6 +93,7 @@ def tick_json(view: View, tick: Tick) -> Json:
         "head_control": head_control_json(tick.head_settings),
         "head": head_json(tick.head),
         "health": _health_json(tick.health),
+        "governor": _governor_json(tick.governed),
         "error_m": _round(tick.error_m, 5),
         "distance_m": _round(tick.distance_m, 4),
         "map_points": tick.map_points,
@@ -120,6 +122,13 @@ def picture_bytes(view: View, picture: Picture) -> bytes:
 
 def _health_json(health: Health) -> Json:
     return {"verdict": health.verdict.value, "reasons": list(health.reasons), "tracks": health.tracks}
+
+
+def _governor_json(governed: Governed | None) -> Json | None:
+    """What the governor allows; None where it is off."""
+    if governed is None:
+        return None
+    return {"pace": round(governed.pace, 3), "phase": governed.phase.value, "reason": governed.reason}
 
 
 def _angles(q_rad: Float | None) -> list[float]:

@@ -40,6 +40,29 @@ class RunSettings(Settings):
     """The dashboard's simulator sets its gait going by itself; a scripted run always does."""
 
 
+class GovernorSettings(Settings):
+    """When the governor slows the gait, and how far."""
+
+    enabled: bool = False
+    """Slow the gait while the estimator is in trouble."""
+    least_pace: Annotated[float, Field(gt=0, le=1)] = 0.35
+    """Share of the commanded pace that is always left, or the robot would never leave what it cannot see by."""
+    enough_tracks: Annotated[int, Field(ge=1)] = 60
+    """With this many features followed, or more, the pace is not touched."""
+    few_tracks: Annotated[int, Field(ge=0)] = 20
+    """With this few the gait goes at its least pace."""
+    fine_innovation: Annotated[float, Field(gt=0)] = 2.0
+    """Squared innovations up to this multiple of what is foreseen (their median) do not touch the pace."""
+    bad_innovation: Annotated[float, Field(gt=0)] = 6.0
+    """From this multiple on the gait goes at its least pace."""
+    fall_per_s: Annotated[float, Field(gt=0)] = 2.0
+    """How fast the pace is taken, a second."""
+    rise_per_s: Annotated[float, Field(gt=0)] = 0.25
+    """How fast it is given back, a second."""
+    good_s: Annotated[float, Field(ge=0)] = 1.0
+    """It is given back when more would have been allowed for so long."""
+
+
 class Config(Settings):
     """All settings of a session."""
 
@@ -48,6 +71,7 @@ class Config(Settings):
     head: HeadSettings = HeadSettings()
     estimator: EstimatorSettings = EstimatorSettings()
     mapping: MappingSettings = MappingSettings()
+    governor: GovernorSettings = GovernorSettings()
     sim: SimSettings = SimSettings()
     replay: ReplaySettings = ReplaySettings()
     recording: RecordingSettings = RecordingSettings()

@@ -32,6 +32,8 @@ class Control:
         self._gait = resolve(gait, model)
         check(head, model, self._gait)
         self._asked, self._drive, self._turn = gait, 0.0, 0.0
+        self.throttle = 1.0
+        """Share of the commanded drive that is played, 0 to 1."""
         self._t_ns: int | None = None
         self._head = HeadControl(model, head, HeadSense())
         self._blend = GaitBlend(model, self._gait, model.rest_q_rad, self._head.shape)
@@ -87,7 +89,7 @@ class Control:
 
     def _wanted(self, dt_s: float, joints: JointState | None) -> Float:
         """Return the gait's angles with the head's control over them."""
-        q_rad = self._blend.step(self._drive, dt_s)
+        q_rad = self._blend.step(self._drive * self.throttle, dt_s)
         if self._head.engaged and not self._head.fits(self._blend.gait):
             q_rad = self._hand_back(dt_s)
         if not self._head.feeds_back(self._blend.gait):

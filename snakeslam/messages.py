@@ -134,11 +134,15 @@ class Verdict(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Health:
-    """A verdict with its reasons in words, for the operator."""
+    """A verdict with its reasons in words, for the operator.
+
+    ``innovation`` is the median of the squared innovations over what is foreseen, None where too few were tried.
+    """
 
     verdict: Verdict
     reasons: tuple[str, ...] = ()
     tracks: int = 0
+    innovation: float | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -48,15 +48,17 @@ def judge(evidence: Evidence, settings: HealthSettings) -> Health:
     DEGRADED with few features, many rejections, innovations beyond what is foreseen or faults of the input.
     """
     reasons, followed = _reasons(evidence, settings), evidence.followed
+    agreement = evidence.agreement
+    innovation = agreement.ratio if agreement.tried >= ENOUGH_TRIED else None
     finite = bool(np.all(np.isfinite(evidence.cov_v)))
     sigma_v_m_s = float(np.sqrt(max(np.linalg.eigvalsh(evidence.cov_v)[-1], 0.0))) if finite else np.inf
     if evidence.blind_s > settings.max_blind_s:
-        return Health(Verdict.LOST, (*reasons, f"nothing seen for {evidence.blind_s:.1f} s"), followed)
+        return Health(Verdict.LOST, (*reasons, f"nothing seen for {evidence.blind_s:.1f} s"), followed, innovation)
     if sigma_v_m_s > settings.max_sigma_v_m_s:
-        return Health(Verdict.LOST, (*reasons, f"velocity uncertain to {sigma_v_m_s:.2f} m/s"), followed)
+        return Health(Verdict.LOST, (*reasons, f"velocity uncertain to {sigma_v_m_s:.2f} m/s"), followed, innovation)
     if not supports(evidence, settings):
-        return Health(Verdict.BLIND, reasons, followed)
-    return Health(Verdict.DEGRADED if reasons else Verdict.GOOD, reasons, followed)
+        return Health(Verdict.BLIND, reasons, followed, innovation)
+    return Health(Verdict.DEGRADED if reasons else Verdict.GOOD, reasons, followed, innovation)
 
 
 def _reasons(evidence: Evidence, settings: HealthSettings) -> tuple[str, ...]:

@@ -24,6 +24,7 @@ from snakeslam.messages import (
 )
 from snakeslam.robot.kinematics import link_poses_from_imu
 from snakeslam.robot.model import SnakeModel
+from snakeslam.runtime.governor import Governed
 from snakeslam.runtime.stillness import HeadStillness
 from snakeslam.runtime.topics import Event, Picture, Refusal, Report, Tick
 
@@ -157,6 +158,7 @@ class LiveSink:
         head_settings: HeadSettings | None,
         notice: str | None,
         refusals: tuple[Refusal, ...],
+        governed: Governed | None,
         realtime_factor: float | None,
     ) -> None:
         """Report the newest state."""
@@ -183,6 +185,7 @@ class LiveSink:
                 head_settings=head_settings,
                 notice=notice,
                 refusals=refusals,
+                governed=governed,
             )
         )
 

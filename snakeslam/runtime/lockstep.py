@@ -18,6 +18,7 @@ from snakeslam.messages import (
     PoseEstimate,
     SlamUpdate,
 )
+from snakeslam.runtime.governor import Governor
 from snakeslam.slam import Slam
 
 
@@ -42,13 +43,24 @@ class Sink(Protocol):
 
 
 class Loop:
-    """One backend, its control (None for a recording) and slam (None: no estimate), in deterministic lockstep."""
+    """One backend, its control (None for a recording) and slam (None: no estimate), in deterministic lockstep.
 
-    def __init__(self, backend: Backend, control: Control | None, slam: Slam | None, sink: Sink) -> None:
+    A ``governor`` throttles control by what slam says of itself.
+    """
+
+    def __init__(
+        self,
+        backend: Backend,
+        control: Control | None,
+        slam: Slam | None,
+        sink: Sink,
+        governor: Governor | None = None,
+    ) -> None:
         # The same picture must give the same features in every run, on any number of cores.
         cv2.setNumThreads(1)
         cv2.setRNGSeed(0)
         self.backend, self.control, self.slam, self.sink = backend, control, slam, sink
+        self.governor = governor
         self.pose: PoseEstimate | None = None
         self._joints: JointState | None = None
         self._imu: ImuSample | None = None
@@ -86,5 +98,7 @@ class Loop:
         self._slam_ms += (perf_counter() - started) * 1e3
         if update is not None and isinstance(packet, CameraFrame):
             self.pose = update.pose
+            if self.governor is not None and self.control is not None:
+                self.control.throttle = self.governor.step(update.t_ns, update.health).pace
             self.sink.on_update(update, packet, self._slam_ms)
             self._slam_ms = 0.0

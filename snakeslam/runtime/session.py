@@ -23,7 +23,7 @@ from snakeslam.gaits.advance import advance_notice
 from snakeslam.gaits.catalogue import resolve
 from snakeslam.gaits.command import commanded_gait
 from snakeslam.messages import GaitCommand, HeadCommand
-from snakeslam.runtime.assembly import build_backend, build_control, build_slam, mode_for
+from snakeslam.runtime.assembly import build_backend, build_control, build_governor, build_slam, mode_for
 from snakeslam.runtime.live import LiveSink
 from snakeslam.runtime.lockstep import Loop
 from snakeslam.runtime.outbox import Outbox
@@ -95,7 +95,8 @@ class Session:
         self._sink = LiveSink(
             backend.model, put, backend.rig.cam0.T_IC[:3, :3], gravity_known=config.estimator.mode != "visual"
         )
-        self._loop = Loop(backend, self._control, build_slam(config, backend), self._sink)
+        slam, self._governor = build_slam(config, backend), build_governor(config)
+        self._loop = Loop(backend, self._control, slam, self._sink, self._governor)
         self._configured = spec.config.gait
         self._judge_gait()
         self._autostart_ns = backend.t_ns + round(config.run.rest_s * 1e9) if spec.autostart else None
@@ -156,6 +157,7 @@ class Session:
             head_settings=None if self._control is None else self._control.head,
             notice=self._notice,
             refusals=tuple(self._refusals),
+            governed=None if self._governor is None or self._control is None else self._governor.now,
             realtime_factor=self._pacer.realtime_factor,
         )
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from snakeslam.head.settings import HeadSettings
 from snakeslam.messages import Float, GaitCommand, HeadCommand, Health, MapChunk
+from snakeslam.runtime.governor import Governed
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +120,7 @@ class Tick:
     ``T_WI`` (4, 4) is the estimate, ``Ts_WL`` (N + 1, 4, 4) the links that hang on it, ``T_WI_truth`` the truth brought
     to the estimate's first pose by yaw and translation, ``error_m`` the distance of the two. ``head`` is how still the
     head is, ``head_settings`` how it is held, ``notice`` what the operator should know of the gait, ``refusals`` the
-    last commands that were not obeyed.
+    last commands that were not obeyed, ``governed`` the pace that the governor allows, None where it is off.
     """
 
     t_ns: int
@@ -142,6 +143,7 @@ class Tick:
     head_settings: HeadSettings | None = None
     notice: str | None = None
     refusals: tuple[Refusal, ...] = ()
+    governed: Governed | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,7 +25,7 @@ from snakeslam.recording.datasets import SENSORS
 from snakeslam.recording.trajectory import write_trajectory
 from snakeslam.recording.tum_writer import TumWriter
 from snakeslam.robot.model import snake_model
-from snakeslam.runtime.assembly import build_backend, build_control, build_slam, fit_to_recording
+from snakeslam.runtime.assembly import build_backend, build_control, build_governor, build_slam, fit_to_recording
 from snakeslam.runtime.lockstep import Loop
 from snakeslam.studies.metrics import HeadWindow, Metrics, evaluate, tracked_poses
 from snakeslam.studies.recorder import Recorder
@@ -64,7 +64,8 @@ def run_experiment(
     with new_directory(place) as part, closing(build_backend(config, recording)) as backend:
         config = fit_to_recording(config, backend)
         recorder = Recorder(_sensor_writer(config, recording, part, backend))
-        loop = Loop(backend, build_control(config, backend), build_slam(config, backend), recorder)
+        slam, governor = build_slam(config, backend), build_governor(config)
+        loop = Loop(backend, build_control(config, backend), slam, recorder, governor)
         wall_s = turn_loop(loop, config, _end_ns(config, backend, duration_s), progress or (lambda _: None))
         metrics = _evaluate(config, backend, recorder, wall_s)
         _write(part, config, recording, recorder, metrics)

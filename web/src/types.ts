@@ -116,6 +116,8 @@ export interface Tick {
   turn: number;
   head: HeadMotion;
   health: Health;
+  /** Share of the commanded pace that the governor allows, and why not all; null where it is off. */
+  governor: { pace: number; phase: "full" | "slowing" | "slow" | "returning"; reason: string | null } | null;
   error_m: number | null;
   distance_m: number | null;
   map_points: number;

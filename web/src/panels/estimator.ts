@@ -30,6 +30,7 @@ export function mountEstimator(app: App): void {
   const box = h("div", { class: "verdict", role: "status", "aria-live": "polite" }, mark, h("div", {}, word, why));
   const tracks = new Readout({ id: "tracks", label: "Tracked features", unit: "", trend: new Sparkline(300, 40) });
   const error = new Readout({ id: "error", label: "Error", unit: "cm", trend: new Sparkline(300, 1) });
+  const governor = h("p", { class: "governor", id: "governor", role: "status", hidden: true });
   const distance = new Readout({ id: "distance", label: "Path of the head", unit: "m" });
   distance.root.title = "Length of the way the head has gone, its swaying included";
   error.root.title = "Position error of the estimate against the simulator's truth";
@@ -39,6 +40,7 @@ export function mountEstimator(app: App): void {
     tracks.root,
     error.root,
     distance.root,
+    governor,
   );
   const show = (health: Health) => {
     const words = WORDS[health.verdict];
@@ -56,9 +58,22 @@ export function mountEstimator(app: App): void {
     show(tick.health);
     tracks.set(String(tick.health.tracks), tick.health.tracks);
     error.set(scaled(tick.error_m, 100, 1), tick.error_m === null ? null : tick.error_m * 100);
+    governor.hidden = tick.governor === null;
+    if (tick.governor) {
+      governor.dataset["phase"] = tick.governor.phase;
+      setText(governor, governorWords(tick.governor));
+    }
     distance.set(fixed(tick.distance_m, 2));
   };
   app.state.watch(onState);
   app.tick.on(onTick);
   window.setInterval(() => [tracks, error].forEach((readout) => readout.draw()), 200);
+}
+
+/** What the governor does and why; the pace in steps of 5 %, so that it is not read out at every tick. */
+function governorWords({ pace, phase, reason }: NonNullable<Tick["governor"]>): string {
+  if (phase === "full") return "Governor: full pace";
+  const share = `${5 * Math.round(20 * pace)} % of the pace`;
+  const words = { slowing: "slowing to", slow: "slowed to", returning: "giving back, at" }[phase];
+  return `Governor: ${words} ${share}${reason ? ` (${reason})` : ""}`;
 }

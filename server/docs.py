@@ -19,7 +19,8 @@ def page(schema: dict[str, Any]) -> str:
     text = (
         "<h1>snakeslam API</h1><p>Send <code>Authorization: Bearer TOKEN</code>; errors are problem+json with one line "
         "in <code>detail</code>. The same in machine form: <a href=openapi.json>openapi.json</a>. "
-        "<code>WS /api/v1/telemetry</code> streams state, ticks, events and camera frames.</p>"
+        "<code>WS /api/v1/telemetry</code> streams state, ticks, events and camera frames; "
+        "<code>WS /api/v1/teleop</code> takes drive input.</p>"
     )
     return head + text + "".join(parts)
 

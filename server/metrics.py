@@ -46,9 +46,7 @@ class Metrics:
 
     def _control(self) -> None:
         self.moving = self._gauge("moving", "1 while the robot is told to move")
-        self.governed = self._gauge(
-            "governed_pace", "Share of the pace that the governor allows, NaN without"
-        )
+        self.governed = self._gauge("governed_pace", "Share of the pace that the governor allows, NaN without")
         self.drive_now = self._gauge("drive", "Drive in force, -1 to 1")
         self.estop = self._gauge("estop_latched", "1 while the E-stop is latched")
         self.leased = self._gauge("lease_held", "1 while somebody has control")

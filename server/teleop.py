@@ -104,6 +104,7 @@ class Driver:
                 task.cancel()
             await asyncio.gather(reading, writing, return_exceptions=True)
             await self._let_go("the operator's page has gone")
+            self._desk.hurry(self._key)
 
     async def _read(self) -> None:
         with contextlib.suppress(WebSocketDisconnect, RuntimeError):

@@ -8,7 +8,7 @@ import pytest
 from starlette.requests import HTTPConnection
 
 from server.auth import COOKIE, SESSION_S, Auth
-from server.lease import RENEWED_S, UNASKED_S, Desk
+from server.lease import GONE_S, RENEWED_S, UNASKED_S, Desk
 from server.problem import Problem
 from tests.server.running import TOKEN, VIEWER_TOKEN, Running, wait_for
 
@@ -37,6 +37,23 @@ def test_a_lease_is_kept_by_renewing_and_lapses_once() -> None:
     assert desk.lapse() is None
     with pytest.raises(Problem, match="nobody has it"):
         desk.renew(lease.key)
+
+
+def test_it_lapses_soon_when_a_pages_socket_has_closed_unless_it_comes_back() -> None:
+    clock = Clock()
+    desk = Desk(clock)
+    lease = desk.take("page")
+    desk.hurry(lease.key)
+    desk.renew(lease.key)
+    clock.now_s += GONE_S
+    assert desk.holds(lease.key)
+    desk.hurry(lease.key)
+    clock.now_s += GONE_S
+    assert desk.lapse() == lease
+    script = desk.take("script", 60.0)
+    desk.hurry(script.key)
+    clock.now_s += GONE_S
+    assert desk.holds(script.key)
 
 
 def test_it_is_only_taken_over_by_an_explicit_act() -> None:

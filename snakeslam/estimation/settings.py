@@ -42,6 +42,14 @@ class NoiseSettings(Settings):
     imu_walk_scale: Positive = 1.0
 
 
+class CalibrationSettings(Settings):
+    """What the filter may correct of the camera's calibration: one sigma of what is wrong with it, 0 holds it."""
+
+    time_offset_sigma_ms: Annotated[float, Field(ge=0, le=100)] = 0.0
+    rotation_sigma_deg: Annotated[float, Field(ge=0, le=10)] = 0.0
+    position_sigma_mm: Annotated[float, Field(ge=0, le=200)] = 0.0
+
+
 class HealthSettings(Settings):
     """When the estimator says that it is in trouble."""
 
@@ -77,6 +85,7 @@ class EstimatorSettings(Settings):
     frontend: FrontendSettings = FrontendSettings()
     noise: NoiseSettings = NoiseSettings()
     window: WindowSettings = WindowSettings()
+    calibration: CalibrationSettings = CalibrationSettings()
     health: HealthSettings = HealthSettings()
     visual: VisualSettings = VisualSettings()
     planar: PlanarSettings = PlanarSettings()

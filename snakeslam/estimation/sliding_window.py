@@ -13,9 +13,10 @@ from snakeslam.estimation.gating import Innovation
 from snakeslam.estimation.ieskf import Measurement, update
 from snakeslam.estimation.measurements import CameraRows, Observations
 from snakeslam.estimation.preintegration import ImuSegments, preintegrate
+from snakeslam.estimation.self_calibration import RATE_SPAN_S, free_mount, motion_by_time
 from snakeslam.estimation.settings import EstimatorSettings
 from snakeslam.estimation.sightings import Sightings
-from snakeslam.estimation.state import THETA, State, V
+from snakeslam.estimation.state import BIAS_G, THETA, State, V
 from snakeslam.estimation.stillness import AtRest, Rest
 from snakeslam.estimation.tracks import TrackTable, among
 from snakeslam.messages import Float
@@ -58,12 +59,17 @@ class SlidingWindow:
         self._settings = settings
         self._model = model
         self._tracks = TrackTable()
+        self._rate: tuple[Float, float] | None = None
+        freed = free_mount(model.rows.R_IC, model.rows.p_IC, settings.calibration)
+        if freed is not None:
+            state.free_mount(*freed)
 
     def propagate(self, span: ImuSegments | None, t_ns: int, gap_s: float) -> None:
         """Move to ``t_ns`` by the IMU; where that was silent for ``gap_s``, the state is less certain."""
         if span is None:
             return
         state, model = self.state, self._model
+        self._rate = span.last_rate(RATE_SPAN_S, model.noise)
         state.propagate(preintegrate(span, state.bias_g, state.bias_a, model.noise), t_ns, model.gravity_W)
         if gap_s > self._settings.health.max_imu_gap_s:
             blind_s = min(gap_s, float(span.dt_s.sum()))
@@ -73,7 +79,7 @@ class SlidingWindow:
     def correct(self, frame: FrontendFrame, rest: Rest | None = None, way: GaitWay | None = None) -> Report:
         """Take the features of a frame at the state's time, that the head is at rest when it is, the gait's way."""
         state, tracks = self.state, self._tracks
-        state.add_clone()
+        state.add_clone(self._motion_by_time())
         state.keep_landmarks(among(state.landmarks.ids, frame.ids))
         self._let_landmarks_wander()
         free = ~among(frame.ids, state.landmarks.ids)
@@ -116,6 +122,15 @@ class SlidingWindow:
             return []
         rows = AtRest.of(rest, self.state, has_clone)
         return [rows] if rows.innovation(self.state).accepted.all() else []
+
+    def _motion_by_time(self) -> Float | None:
+        """Return how the pose changes with time, (6,), None at a start."""
+        state = self.state
+        if self._rate is None:
+            return None
+        rate_I, sigma = self._rate
+        cov_rate = state.cov[BIAS_G, BIAS_G] + np.eye(3) * sigma**2
+        return motion_by_time(rate_I - state.bias_g, cov_rate, state.v_W, state.cov[V, V])
 
     def _let_landmarks_wander(self) -> None:
         """Widen landmarks by what their tracks creep from frame to frame: an error that no averaging takes away."""

@@ -99,7 +99,7 @@ class VisualInertialOdometry:
     # -- Time ---------------------------------------------------------------------------------------------------------
 
     def _take_frame(self, frame: CameraFrame) -> FrameEstimate:
-        t_ns = frame.t_ns + self._shift_ns
+        t_ns = frame.t_ns + self._shift_ns + self._offset_ns()
         last_ns = self._last_ns
         if last_ns is not None and t_ns <= last_ns:
             return self._goes_back(frame, t_ns)
@@ -118,6 +118,11 @@ class VisualInertialOdometry:
         if self._filter is None:
             return self._start(frame, seen, gap_s)
         return self._track(frame, seen, self._filter, gap_s)
+
+    def _offset_ns(self) -> int:
+        """Return what the filter has found of the camera's time beyond its calibration."""
+        mount = self._filter.state.mount if self._filter is not None else None
+        return 0 if mount is None else round(mount.offset_s * 1e9)
 
     def _goes_back(self, frame: CameraFrame, t_ns: int) -> FrameEstimate:
         """Leave out a frame whose time goes back; when the clock itself has been set back, start anew with it."""
@@ -181,7 +186,7 @@ class VisualInertialOdometry:
         self._imu.forget_before(min(state.t_ns - REST_NS, self._picture_ns or state.t_ns))
         if health.verdict is not Verdict.LOST:
             self._bias_g = state.bias_g
-            return _estimate(frame, seen, state, health)
+            return _estimate(frame, seen, state, health, shift_ns=self._shift_ns)
         self._reset(state)
         return _estimate(frame, seen, None, health, ("reset",))
 
@@ -212,14 +217,17 @@ class VisualInertialOdometry:
             self._rest.begin(seen.t_ns, seen.features)
         self._bias_g = state.bias_g
         self._supported_ns = seen.t_ns
-        return _estimate(frame, seen, state, Health(Verdict.GOOD, (), seen.features.followed), (event,))
+        health = Health(Verdict.GOOD, (), seen.features.followed)
+        return _estimate(frame, seen, state, health, (event,), self._shift_ns)
 
     def _motion(self, t_ns: int) -> Float:
         """Return T_C1C0, about how the camera has moved since the last new picture: as the filter foresees.
 
         Without a filter only the gyro's turn is known.
         """
-        T_IC = se3.from_rt(self._model.rows.R_IC, self._model.rows.p_IC)
+        mount = self._filter.state.mount if self._filter is not None else None
+        place = mount or self._model.rows
+        T_IC = se3.from_rt(place.R_IC, place.p_IC)
         if self._filter is not None and len(self._filter.state.clones):
             state = self._filter.state
             last = se3.from_rt(state.clones.R_WI[-1], state.clones.p_WI[-1])
@@ -246,12 +254,18 @@ class VisualInertialOdometry:
 
 
 def _estimate(
-    frame: CameraFrame, seen: Seen | None, state: State | None, health: Health, events: tuple[str, ...] = ()
+    frame: CameraFrame,
+    seen: Seen | None,
+    state: State | None,
+    health: Health,
+    events: tuple[str, ...] = (),
+    shift_ns: int = 0,
 ) -> FrameEstimate:
+    """Return what is said of a frame; the pose is that of the time at which the filter has found the picture taken."""
     pose = None
     if state is not None:
         cov = state.cov[POSE_AND_VELOCITY, POSE_AND_VELOCITY].copy()
-        pose = PoseEstimate(frame.t_ns, state.T_WI, state.v_W.copy(), cov, health)
+        pose = PoseEstimate(state.t_ns - shift_ns, state.T_WI, state.v_W.copy(), cov, health)
     px, ids, inliers = _overlay(seen.features if seen is not None else None)
     return FrameEstimate(frame.t_ns, frame.seq, pose, health, px, ids, inliers, events)
 

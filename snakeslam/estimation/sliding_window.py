@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from snakeslam.calibration import ImuCalibration
+from snakeslam.calibration import CameraCalibration, ImuCalibration
 from snakeslam.estimation.features import Features, promote
 from snakeslam.estimation.frontend import FrontendFrame
 from snakeslam.estimation.gait_rows import Carried, GaitRows, GaitWay
@@ -35,6 +35,22 @@ class Model:
     noise: ImuCalibration
     gravity_W: Float
     focal_px: float
+
+    @staticmethod
+    def of(settings: EstimatorSettings, cam0: CameraCalibration, imu: ImuCalibration, focal_px: float) -> "Model":
+        """Return the sensors' model with the settings' factors on the IMU's noise."""
+        white, walk = settings.noise.imu_white_scale, settings.noise.imu_walk_scale
+        noise = imu.model_copy(
+            update={
+                "gyroscope_noise_density": imu.gyroscope_noise_density * white,
+                "accelerometer_noise_density": imu.accelerometer_noise_density * white,
+                "gyroscope_random_walk": imu.gyroscope_random_walk * walk,
+                "accelerometer_random_walk": imu.accelerometer_random_walk * walk,
+            }
+        )
+        T_IC = cam0.T_IC
+        rows = CameraRows(T_IC[:3, :3], T_IC[:3, 3], settings.noise.pixel_px / focal_px, settings.noise)
+        return Model(rows, noise, np.array([0.0, 0.0, -settings.gravity_m_s2]), focal_px)
 
 
 @dataclass(frozen=True, slots=True)

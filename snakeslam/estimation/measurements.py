@@ -31,12 +31,15 @@ class CameraRows:
         """Return where a measured depth is within the trusted range."""
         return np.asarray((z >= self.noise.depth_min_m) & (z <= self.noise.depth_max_m))
 
-    def weights(self, xyz: Float) -> Float:
-        """Return 1/sigma of each row of observations (..., 3); 0 for a depth that is not used."""
+    def weights(self, xyz: Float, smear: Float | float = 0.0) -> Float:
+        """Return 1/sigma of each row of observations (..., 3); 0 for a depth that is not used.
+
+        ``smear`` (...), the normalised length over which a feature is smeared, adds ``blur_share`` of it in squares.
+        """
         z = xyz[..., 2]
         sigma_z = self.noise.depth_offset_m + self.noise.depth_square_per_m * z**2
         weight = np.empty_like(xyz)
-        weight[..., :2] = 1.0 / self.sigma_xy
+        weight[..., :2] = 1.0 / np.hypot(self.sigma_xy, self.noise.blur_share * np.asarray(smear))[..., None]
         weight[..., 2] = np.where(self.usable_depth(z), 1.0 / sigma_z, 0.0)
         return weight
 
@@ -92,9 +95,9 @@ class Observations:
     weight: Float
 
     @staticmethod
-    def weighed(xyz: Float, seen: NDArray[np.bool_], rows: CameraRows) -> "Observations":
-        """Return observations with the weights that ``rows`` gives them."""
-        return Observations(xyz, seen, rows.weights(xyz) * seen[..., None])
+    def weighed(xyz: Float, seen: NDArray[np.bool_], rows: CameraRows, smear: Float | float = 0.0) -> "Observations":
+        """Return observations with the weights that ``rows`` gives them; ``smear`` is that of each pose, (n,)."""
+        return Observations(xyz, seen, rows.weights(xyz, smear) * seen[..., None])
 
     @property
     def row_counts(self) -> NDArray[np.int64]:

@@ -29,6 +29,10 @@ class NoiseSettings(Settings):
     """Measurement noise, one sigma; IMU noise comes from the calibration and is scaled here."""
 
     pixel_px: Positive = 1.0
+    blur_share: Annotated[float, Field(ge=0, le=1)] = 0.2
+    """Error of a feature that is smeared, as a part of the smear's length; it adds to ``pixel_px``."""
+    unknown_exposure_ms: Annotated[float, Field(ge=0, le=100)] = 10.0
+    """Exposure of a frame that does not tell its own."""
     track_drift_px: Annotated[float, Field(ge=0)] = 0.1
     """How far a followed feature wanders over the surface from one frame to the next."""
     depth_offset_m: Positive = 0.004

@@ -99,7 +99,7 @@ class SlidingWindow:
         state.keep_landmarks(among(state.landmarks.ids, frame.ids))
         self._let_landmarks_wander()
         free = ~among(frame.ids, state.landmarks.ids)
-        tracks.observe(frame.ids[free], frame.xy[free], frame.depth_m[free])
+        tracks.observe(frame.ids[free], frame.xy[free], frame.depth_m[free], frame.smear)
         sightings, seen = self._sightings(frame)
         lost = ~among(tracks.ids, frame.ids)
         leaving = self._leaving_clone()
@@ -160,7 +160,7 @@ class SlidingWindow:
         _, at, index = np.intersect1d(frame.ids, landmarks.ids, assume_unique=True, return_indices=True)
         xyz = np.column_stack([frame.xy[at], frame.depth_m[at]])[:, None]
         rows = self._model.rows
-        sightings = Sightings(index, Observations.weighed(xyz, np.ones((len(at), 1), bool), rows), rows)
+        sightings = Sightings(index, Observations.weighed(xyz, np.ones((len(at), 1), bool), rows, frame.smear), rows)
         if not len(at):
             return sightings, Innovation.none()
         innovation = sightings.innovation(self.state)
@@ -171,7 +171,7 @@ class SlidingWindow:
     def _features(self, chosen: NDArray[np.bool_]) -> tuple[Features, Innovation]:
         """Return the chosen tracks as features that pass the gate."""
         tracks, rows = self._tracks, self._model.rows
-        observed = Observations.weighed(tracks.xyz[chosen], tracks.seen[chosen], rows)
+        observed = Observations.weighed(tracks.xyz[chosen], tracks.seen[chosen], rows, tracks.smear)
         features = Features.of(tracks.ids[chosen], observed, self.state, rows)
         if not len(features):
             return features, Innovation.none()

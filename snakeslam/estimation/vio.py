@@ -69,7 +69,9 @@ class VisualInertialOdometry:
         camera = PinholeCamera(rig.cam0)
         self._model = Model.of(settings, rig.cam0, rig.imu0, camera.focal_px)
         self._shift_ns = round(rig.cam0.timeshift_cam_imu * 1e9)
-        self._frontend: FeatureSource = frontend or Frontend(settings.frontend, camera, seed)
+        self._frontend: FeatureSource = frontend or Frontend(
+            settings.frontend, camera, seed, round(settings.noise.unknown_exposure_ms * 1e6)
+        )
         self._imu = ImuBuffer(rig.imu0)
         self._gait = gait
         self._starter = Starter(settings, self._model)

@@ -26,9 +26,12 @@ def seen_from_the_way(rng: np.random.Generator, ahead_m: Float, way_m: float) ->
 
 def test_points_are_not_chosen_by_their_own_noise(rng: np.random.Generator) -> None:
     """Where parallax is hardly there, those that noise makes look near are not taken for well known."""
-    for _ in range(10):
-        far_m, good = seen_from_the_way(rng, np.full(400, 10.0), 0.5)
-        assert good.mean() < 0.01 or abs(np.median(far_m[good]) / 10.0 - 1.0) < 0.05
+    for way_m in (0.03, 0.05, 0.1):
+        _, good = seen_from_the_way(rng, np.full(400, 10.0), way_m)
+        assert not good.any()
+    far_m, good = seen_from_the_way(rng, np.full(400, 10.0), 0.4)
+    assert good.mean() > 0.9
+    assert abs(np.median(far_m[good]) / 10.0 - 1.0) < 0.02
 
 
 def test_points_with_parallax_are_taken(rng: np.random.Generator) -> None:

@@ -71,4 +71,5 @@ class Slam:
         """Only frames that the camera supports add to the map."""
         if estimate.pose is None or not estimate.health.verdict.tracked:
             return ()
-        return self._mapper.update(frame, estimate.pose.T_WI @ self._T_IC)
+        T_IC = self._T_IC if estimate.T_IC is None else estimate.T_IC
+        return self._mapper.update(frame, estimate.pose.T_WI @ T_IC)

@@ -71,7 +71,7 @@ class WindowSettings(Settings):
 class EstimatorSettings(Settings):
     """Which estimator runs, and its parts."""
 
-    mode: Mode = "vio"
+    mode: Mode = "fused"
     max_iterations: Annotated[int, Field(ge=1, le=10)] = 3
     gravity_m_s2: Positive = 9.81
     frontend: FrontendSettings = FrontendSettings()

@@ -30,7 +30,9 @@ def build_backend(config: Config, recording: Path | None = None, camera: bool = 
 
 def mode_for(backend: Backend) -> Mode:
     """Return the estimator's mode that the sensors of a recording allow."""
-    return "visual" if backend.rig.imu0 is None else "vio"
+    if backend.rig.imu0 is None:
+        return "visual"
+    return "vio" if backend.model is None else "fused"
 
 
 def fit_to_recording(config: Config, backend: Backend) -> Config:

@@ -136,7 +136,7 @@ def test_the_live_view_plays_it_with_its_robot_which_nothing_moves(tmp_path: Pat
     started = reports[0]
     assert isinstance(started, Started)
     assert started.robot is not None
-    assert (started.robot.model, started.gait, started.estimator_mode) == ("orthogonal24", None, "vio")
+    assert (started.robot.model, started.gait, started.estimator_mode) == ("orthogonal24", None, "fused")
     session.take(Start())
     while session.step() is not None:
         pass
@@ -274,7 +274,7 @@ def test_a_replay_of_a_runs_own_sensors_gives_the_same_bytes(
         assert Path("run", name).read_bytes() == Path("again", name).read_bytes(), name
     assert Path("run/estimate.tum").read_bytes() != Path("other/estimate.tum").read_bytes()
     facts = json.loads(Path("again/run.json").read_text())
-    assert (facts["seed"], facts["config"]["estimator"]["mode"]) == (5, "vio")
+    assert (facts["seed"], facts["config"]["estimator"]["mode"]) == (5, "fused")
     assert facts["metrics"]["frames"] == 30
     assert facts["metrics"]["head"]["sway_pp_m"] is None, "what the head should do is not known of a recording"
 

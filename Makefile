@@ -74,7 +74,7 @@ run: setup
 
 .PHONY: test
 test: setup browser check
-	$(BIN)/python -m pytest $(PYTEST_ARGS)
+	$(BIN)/python -m pytest --numprocesses=2 --dist=loadfile --no-loadscope-reorder $(PYTEST_ARGS)
 
 .PHONY: check
 check: $(VENV)/.synced web/dist/index.html

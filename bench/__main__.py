@@ -1,6 +1,7 @@
 """Measure where the time of a simulated run goes, against the budgets; ``make bench`` prints the table.
 
-``python -m bench [SECONDS]`` measures the time, ``python -m bench consistency [SEEDS]`` the NEES.
+``python -m bench [SECONDS]`` measures the time, ``python -m bench consistency [SEEDS]`` the NEES, and
+``python -m bench turn`` a commanded turn.
 """
 
 import functools
@@ -15,7 +16,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from bench import consistency
+from bench import consistency, turn
 from snakeslam.backends.sim.camera import Camera, Renderer
 from snakeslam.backends.sim.physics import SnakePhysics
 from snakeslam.config import load_config
@@ -81,6 +82,9 @@ def run(seconds: float) -> tuple[Recorder, float]:
 def main() -> None:
     if sys.argv[1:2] == ["consistency"]:
         consistency.main()
+        return
+    if sys.argv[1:2] == ["turn"]:
+        turn.main()
         return
     seconds = float(sys.argv[1]) if len(sys.argv) > 1 else SECONDS
     times: dict[str, list[float]] = defaultdict(list)

@@ -14,7 +14,7 @@ from snakeslam.gaits.command import commanded_gait
 from snakeslam.head.catalogue import HEAD_CATALOGUE, HeadEntry
 from snakeslam.head.command import MOST_TURN_DEG, commanded_head
 from snakeslam.head.laws import check
-from snakeslam.head.neck import most_neck_joints
+from snakeslam.head.neck import most_neck_joints, neck_joints_of
 from snakeslam.head.settings import LEAST_NECK_JOINTS, HeadController, HeadSettings
 from snakeslam.messages import HeadCommand
 from snakeslam.robot.model import SnakeModel, snake_model
@@ -48,7 +48,7 @@ async def get_head(house: Rooms) -> dict[str, Any]:
         "neck_joints": {
             "min": LEAST_NECK_JOINTS,
             "max": most_neck_joints(model),
-            "default": live.view.config.head.neck_joints,
+            "default": neck_joints_of(live.view.config.head, model),
         },
         "turn_by_deg": {"min": -MOST_TURN_DEG, "max": MOST_TURN_DEG},
         "stillness": head_json(HeadMotion() if tick is None else tick.head),

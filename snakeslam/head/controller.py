@@ -8,7 +8,7 @@ from snakeslam.head.attitude import HeadAttitude
 from snakeslam.head.laws import HeadShape, steers_head
 from snakeslam.head.level import LevelNeck
 from snakeslam.head.line import HeadLine
-from snakeslam.head.neck import neck_of
+from snakeslam.head.neck import neck_joints_of, neck_of
 from snakeslam.head.predictive import PredictiveNeck
 from snakeslam.head.settings import HeadSettings
 from snakeslam.messages import Float, ImuSample, JointState, PoseEstimate
@@ -40,7 +40,7 @@ class HeadControl:
         self.settings = settings
         self.sense = sense
         self._model = model
-        self._neck = neck_of(model, settings.neck_joints)
+        self._neck = neck_of(model, neck_joints_of(settings, model))
         self._loads = posture_loads(model)
         self._hand: PredictiveNeck | LevelNeck | None = None
         self._q_rad: Float = model.rest_q_rad
@@ -103,7 +103,8 @@ class HeadControl:
             ratio = self.settings.friction_ratio
             self._hand = PredictiveNeck(self._model, self._neck, self._loads, ratio, now_rad[self._neck.joints])
         else:
-            joints = np.arange(self._model.joint_count - self.settings.neck_joints, self._model.joint_count)
+            count = neck_joints_of(self.settings, self._model)
+            joints = np.arange(self._model.joint_count - count, self._model.joint_count)
             self._hand = LevelNeck(self._model, joints, now_rad[joints], holds_roll=not gait.rolls)
         self._lay_line(now_rad)
         self._q_rad = q_rad

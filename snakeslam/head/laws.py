@@ -13,7 +13,7 @@ from snakeslam.gaits.catalogue import ResolvedGait
 from snakeslam.gaits.posture import posed_angles
 from snakeslam.gaits.serpenoid import alpha_from_amplitude
 from snakeslam.head import direction, position
-from snakeslam.head.neck import Neck, neck_of
+from snakeslam.head.neck import Neck, neck_joints_of, neck_of
 from snakeslam.head.settings import HeadController, HeadSettings
 from snakeslam.messages import Float
 from snakeslam.robot.model import SnakeModel
@@ -76,7 +76,8 @@ def neck_angles(controller: HeadController, gait: ResolvedGait, model: SnakeMode
 
 def check(settings: HeadSettings, model: SnakeModel, gait: ResolvedGait) -> None:
     """Raise InputError for a neck that the body does not have, or whose joints would have to bend too far."""
-    neck = neck_of(model, settings.neck_joints)
+    count = neck_joints_of(settings, model)
+    neck = neck_of(model, count)
     if settings.controller == "none" or not steers_head(gait):
         return
     largest = largest_neck_angle(settings.controller, gait, model, neck)
@@ -84,7 +85,7 @@ def check(settings: HeadSettings, model: SnakeModel, gait: ResolvedGait) -> None
     if largest > limit:
         raise InputError(
             "head.neck_joints",
-            f"{settings.neck_joints} yaw joints would bend {np.rad2deg(largest):.0f} deg in this gait",
+            f"{count} yaw joints would bend {np.rad2deg(largest):.0f} deg in this gait",
             f"at most {np.rad2deg(limit):.0f} deg: more neck joints, or less gait.alpha_pi",
         )
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from snakeslam.errors import InputError
-from snakeslam.head.settings import MOST_NECK_JOINTS
+from snakeslam.head.settings import LEAST_NECK_JOINTS, MOST_NECK_JOINTS, HeadSettings
 from snakeslam.messages import Float
 from snakeslam.robot.model import SnakeModel
 
@@ -52,6 +52,17 @@ def neck_of(model: SnakeModel, count: int) -> Neck:
     middles = (s[1:] + s[:-1]) / 2.0
     ends = s[0] - model.joint_length_m, s[-1] + model.joint_length_m
     return Neck(joints, np.array([ends[0], *middles, ends[1]]))
+
+
+def neck_joints_of(settings: HeadSettings, model: SnakeModel) -> int:
+    """Return the neck's number of yaw joints; a third of the free ones where the settings leave it open."""
+    usual = max(LEAST_NECK_JOINTS, min(most_neck_joints(model), round(len(free_yaw_joints(model)) / 3)))
+    return usual if settings.neck_joints is None else settings.neck_joints
+
+
+def settled(settings: HeadSettings, model: SnakeModel) -> HeadSettings:
+    """Return the settings with nothing left open."""
+    return settings.model_copy(update={"neck_joints": neck_joints_of(settings, model)})
 
 
 def free_yaw_joints(model: SnakeModel) -> list[int]:

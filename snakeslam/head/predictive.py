@@ -5,7 +5,7 @@ head's planar twist J dq for any joint rates, and the neck's rates are those tha
 
     dq_n = r + (W J_n)^T (W J_n J_n^T W + lambda I)^-1 W [ v - J_b dq_b - J_n r ],    r = dq_c + 2 (q_c - q_n),
 
-with q_c the closed form of Eq. (20), v = (v_mean, -5 e_y, -8 psi) from the head's yaw error psi and its lateral error
+with q_c the closed form of Eq. (20), v = (v_mean, -8 e_y, -8 psi) from the head's yaw error psi and its lateral error
 e_y to the line, W = diag(w_x, 3, 1). The line is where the robot is to go: turning it steers.
 """
 
@@ -24,7 +24,7 @@ LARGEST_RAD = float(np.deg2rad(88.0))
 RETURN_RAD_S = 2.0
 """Rate at which the neck returns to the closed form where the head does not need it."""
 YAW_GAIN_RAD_S = 8.0
-LATERAL_GAIN_RAD_S = 5.0
+LATERAL_GAIN_RAD_S = 8.0
 LATERAL_MOST_M_S = 0.15
 """Fastest sideways motion asked for: a line far away is approached, not jumped at."""
 YAW_MOST_RAD_S = 1.0
@@ -32,7 +32,7 @@ YAW_MOST_RAD_S = 1.0
 DAMPING = 1e-3
 LEAST_EASE = 1e-3
 EASE_POWER = 2
-WEIGHTS = np.array([0.25, 3.0, 1.0])
+WEIGHTS = np.array([0.1, 3.0, 1.0])
 MEAN_SPEED_PERIODS = 1.0
 
 

@@ -17,7 +17,7 @@ class HeadSettings(Settings):
     """How the neck keeps the head still."""
 
     controller: HeadController = "none"
-    neck_joints: Annotated[int, Field(ge=LEAST_NECK_JOINTS, le=MOST_NECK_JOINTS)] = 6
-    """Yaw joints of the neck."""
+    neck_joints: Annotated[int, Field(ge=LEAST_NECK_JOINTS, le=MOST_NECK_JOINTS)] | None = None
+    """Yaw joints of the neck; None: a third of the robot's, which leaves the body enough to push with."""
     friction_ratio: Annotated[float, Field(ge=1, le=100)] = 4.0
     """Friction across the body over friction along it, as predictive control supposes it; a wrong one costs little."""

@@ -76,7 +76,7 @@ def choose_every_available_one(page: Page, client: httpx.Client, head: dict[str,
 
 def set_the_neck(page: Page, client: httpx.Client) -> None:
     neck, button = page.locator("#head-neck"), page.locator("#head-neck-set")
-    expect(neck).to_have_value("6")
+    expect(neck).to_have_value(str(client.get("/api/v1/head").json()["neck_joints"]["default"]))
     expect(button).to_be_disabled()
     neck.fill(str(int(neck.get_attribute("max") or 0) + 1))
     expect(neck).to_have_attribute("aria-invalid", "true")

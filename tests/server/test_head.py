@@ -32,14 +32,14 @@ def next_available(found: dict) -> str:
 
 def test_what_there_is_and_what_is_in_force(client: httpx.Client) -> None:
     found = client.get(HEAD).json()
-    assert found["current"] == state(client)["head_control"] == {"controller": "none", "neck_joints": 6}
+    assert found["current"] == state(client)["head_control"] == {"controller": "none", "neck_joints": 4}
     assert [entry["name"] for entry in found["controllers"]] == ["none", "direction", "position", "predictive"]
     for entry in found["controllers"]:
         assert entry["title"]
         assert entry["summary"]
         assert entry["available"] == (entry["reason"] is None)
     assert [entry["name"] for entry in found["controllers"] if entry["steers"]] == ["predictive"]
-    assert found["neck_joints"] == {"min": 2, "max": 7, "default": 6}
+    assert found["neck_joints"] == {"min": 2, "max": 7, "default": 4}
     assert found["turn_by_deg"] == {"min": -180, "max": 180}
 
 

@@ -32,7 +32,7 @@ export interface GaitAnswer {
 
 export interface HeadControl {
   controller: string;
-  neck_joints: number;
+  neck_joints: number | null;
 }
 
 /** PUT /head: what is left out stays; a positive turn is to the left. */

@@ -23,6 +23,8 @@ def build_estimator(
     if settings.mode == "vio":
         return VisualInertialOdometry(settings, rig, seed)
     if settings.mode == "planar":
+        if rig.imu0 is None:
+            raise InputError("estimator.mode", "'planar' needs an IMU, and this recording has none", "visual")
         return PlanarOdometry(settings, VisualInertialOdometry(settings, rig, seed), model)
     if settings.mode == "gait":
         return GaitOdometry(settings, model)

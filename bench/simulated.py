@@ -54,6 +54,8 @@ class SwingingHead:
     duration_s: float = 10.0
     tracks: int = 120
     depth: bool = True
+    late_ns: int = 0
+    """How much too late the frames are stamped."""
 
     def pose(self, t_s: Float) -> tuple[Float, Float]:
         """Return R_WI (N, 3, 3) and p_WI (N, 3): at rest, then crawling on while the head swings."""
@@ -70,7 +72,10 @@ class SwingingHead:
         return so3.exp(w), p
 
     def packets(self) -> Iterator[Packet]:
-        """Yield IMU samples at 200 Hz and empty frames at 20 Hz."""
+        """Yield IMU samples at 200 Hz and empty frames at 20 Hz, in the order of their stamps."""
+        return iter(sorted(self._packets(), key=lambda packet: packet.t_ns))
+
+    def _packets(self) -> Iterator[Packet]:
         rng = np.random.default_rng([self.seed, 1])
         count = round(self.duration_s * 1e9 / IMU_NS)
         gyro, accel = self._imu(count)
@@ -87,7 +92,7 @@ class SwingingHead:
                 a = accel[k - 1] + bias_a + rng.normal(0, imu.accelerometer_noise_density * density, 3)
                 yield ImuSample(k * IMU_NS, w, a)
             if k % IMU_PER_FRAME == 0:
-                yield CameraFrame(k * IMU_NS, k // IMU_PER_FRAME, blank)
+                yield CameraFrame(k * IMU_NS + self.late_ns, k // IMU_PER_FRAME, blank)
 
     def _imu(self, count: int) -> tuple[Float, Float]:
         """Return mean rates and forces that integrate to the true motion, (count, 3) each."""
@@ -127,8 +132,8 @@ class Head(Protocol):
 class SimulatedFrontend:
     """Points on the walls of a room, followed without any picture."""
 
-    def __init__(self, head: Head, noise: NoiseSettings) -> None:
-        self._head = head
+    def __init__(self, head: Head, noise: NoiseSettings, late_ns: int = 0) -> None:
+        self._head, self._late_ns = head, late_ns
         self._noise = noise
         self._rng = np.random.default_rng([head.seed, 2])
         points = self._rng.uniform(-1, 1, (POINTS, 3)) * ROOM_M
@@ -142,7 +147,7 @@ class SimulatedFrontend:
     def process(self, frame: CameraFrame, T_C1C0: Float) -> FrontendFrame:
         """Return noisy observations of what is in view."""
         del T_C1C0
-        R_WI, p_WI = self._head.pose(np.array([frame.t_ns / 1e9]))
+        R_WI, p_WI = self._head.pose(np.array([(frame.t_ns - self._late_ns) / 1e9]))
         p_C = ((self._points_W - p_WI[0]) @ R_WI[0] - P_IC) @ R_IC
         xy = p_C[:, :2] / np.maximum(p_C[:, 2:], 0.1)
         half = np.array([WIDTH_PX, HEIGHT_PX]) / 2 / FOCAL_PX
@@ -185,9 +190,9 @@ class Take:
     cov: Float
 
 
-def run(head: SwingingHead, settings: EstimatorSettings = SETTINGS) -> Take:
-    """Return how the filter does on one take; the first pose defines W by its yaw and place."""
-    vio = VisualInertialOdometry(settings, RIG, head.seed, SimulatedFrontend(head, settings.noise))
+def run(head: SwingingHead, settings: EstimatorSettings = SETTINGS, rig: SensorRig = RIG) -> Take:
+    """Return how the filter does on one take that it believes seen by ``rig``; the first pose defines W."""
+    vio = VisualInertialOdometry(settings, rig, head.seed, SimulatedFrontend(head, settings.noise, head.late_ns))
     poses = [e.pose for e in map(vio.process, head.packets()) if e is not None and e.pose is not None]
     t_s = np.array([p.t_ns for p in poses]) / 1e9
     R_true, p_true = head.pose(t_s)

@@ -134,7 +134,7 @@ def study(
     from snakeslam.studies.sweep import run_study
 
     loaded = load_study(path)
-    with _terminable(), _study_progress(len(loaded.points)) as report:
+    with _terminable(), _study_progress(loaded.row_count) as report:
         result = run_study(loaded, out or default_out(loaded.name), workers or os.cpu_count() or 1, resume, report)
     typer.echo(result.table)
     typer.echo(f"written: {result.out}", err=True)
@@ -265,7 +265,7 @@ def _study_progress(total: int) -> Generator[Callable[["Row"], None]]:
 
         def show(row: "Row") -> None:
             said = row.reason or ", ".join(f"{name} {value:.4g}" for name, value in row.known.items())
-            console.print(f"{next(ended)}/{total} {row.point.words}: {row.status}: {said}")
+            console.print(f"{next(ended)}/{total} {row.words}: {row.status}: {said}")
             bar.advance(task)
 
         yield show

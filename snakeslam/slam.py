@@ -23,6 +23,8 @@ def build_estimator(
     if settings.mode == "vio":
         return VisualInertialOdometry(settings, rig, seed)
     if settings.mode == "planar":
+        if rig.imu0 is None:
+            raise InputError("estimator.mode", "'planar' needs an IMU, and this recording has none", "visual")
         return PlanarOdometry(settings, VisualInertialOdometry(settings, rig, seed), model)
     if settings.mode == "gait":
         return GaitOdometry(settings, model)
@@ -71,4 +73,5 @@ class Slam:
         """Only frames that the camera supports add to the map."""
         if estimate.pose is None or not estimate.health.verdict.tracked:
             return ()
-        return self._mapper.update(frame, estimate.pose.T_WI @ self._T_IC)
+        T_IC = self._T_IC if estimate.T_IC is None else estimate.T_IC
+        return self._mapper.update(frame, estimate.pose.T_WI @ T_IC)

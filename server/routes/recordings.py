@@ -3,7 +3,7 @@
 from asyncio import to_thread
 from dataclasses import replace
 from http import HTTPStatus
-from typing import Any, Literal
+from typing import Any
 
 from fastapi import APIRouter
 from pydantic import BaseModel, ConfigDict, Field
@@ -13,6 +13,7 @@ from server.problem import Problem
 from server.recordings import recording_json
 from server.runs import Scalar, checked_overrides
 from snakeslam.config import override_config
+from snakeslam.estimation.settings import Mode
 
 router = APIRouter(tags=["source"])
 
@@ -22,7 +23,7 @@ class PlayRequest(BaseModel):
 
     model_config = ConfigDict(extra="forbid")
 
-    mode: Literal["visual", "vio"] | None = None
+    mode: Mode | None = None
 
 
 class SimRequest(BaseModel):
@@ -41,7 +42,10 @@ def get_recordings(house: Rooms) -> list[dict[str, Any]]:
 
 @router.post("/recordings/{recording_id}/play")
 async def play(recording_id: str, house: Rooms, who: Who, request: PlayRequest | None = None) -> dict[str, Any]:
-    """Play a recording in the live view; without a mode, the one that its sensors allow. Needs control."""
+    """Play a recording in the live view; without a mode, the one that its sensors allow. Needs control.
+
+    A mode that they do not allow ends the session with a line that says so.
+    """
     summary = (await to_thread(house.library.all)).get(recording_id)
     if summary is None:
         raise Problem(HTTPStatus.NOT_FOUND, "there is no such recording; GET /recordings lists them")

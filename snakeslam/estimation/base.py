@@ -6,7 +6,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from snakeslam.messages import Health, Packet, PoseEstimate
+from snakeslam.messages import Float, Health, Packet, PoseEstimate
 
 
 @dataclass(frozen=True, slots=True)
@@ -14,7 +14,8 @@ class FrameEstimate:
     """What an estimator says of one camera frame.
 
     ``pose`` is None until initialised; ``tracks_px`` (M, 2) with ``track_ids`` (M,) and ``track_inliers`` (M,) are the
-    features followed into this frame; ``events`` are words for the timeline ("initialised", "reset", ...).
+    features followed into this frame; ``events`` are words for the timeline ("initialised", "reset", ...); ``T_IC`` is
+    the camera on the IMU, None where it is as calibrated.
     """
 
     t_ns: int
@@ -25,6 +26,7 @@ class FrameEstimate:
     track_ids: NDArray[np.int64]
     track_inliers: NDArray[np.bool_]
     events: tuple[str, ...] = ()
+    T_IC: Float | None = None
 
 
 class Estimator(Protocol):

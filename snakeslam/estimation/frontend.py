@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from snakeslam.estimation.camera import PinholeCamera
 from snakeslam.estimation.settings import FrontendSettings
 from snakeslam.estimation.tracks import among
+from snakeslam.geometry import so3
 from snakeslam.messages import CameraFrame, Float
 
 BORDER_PX = 8
@@ -32,7 +33,8 @@ class FrontendFrame:
 
     ``rejected_px`` (R, 2) with ``rejected_ids`` are those that RANSAC dropped; ``disparity_px`` is the median motion
     that the turn does not explain, None without a frame before; ``frozen`` tells that the picture is the one before,
-    ``followed`` how many features (the first ones) were there before.
+    ``followed`` how many features (the first ones) were there before; ``smear`` is how far the camera turned in rad
+    while the picture was exposed.
     """
 
     px: NDArray[np.float32]
@@ -44,16 +46,22 @@ class FrontendFrame:
     disparity_px: float | None
     frozen: bool
     followed: int
+    smear: float = 0.0
 
 
 class Frontend:
     """Follows features from frame to frame."""
 
-    def __init__(self, settings: FrontendSettings, camera: PinholeCamera, seed: int) -> None:
+    def __init__(
+        self, settings: FrontendSettings, camera: PinholeCamera, seed: int, unknown_exposure_ns: int = 0
+    ) -> None:
         self._settings = settings
+        self._unknown_exposure_ns = unknown_exposure_ns
         self._camera = camera
         self._rng = np.random.default_rng([seed, 0])
         self._gray: NDArray[np.uint8] | None = None
+        self._t_ns = 0
+        self._smear = 0.0
         self._px = np.empty((0, 2), np.float32)
         self._ids = np.empty(0, np.int64)
         self._depth_m = np.empty(0)
@@ -66,6 +74,8 @@ class Frontend:
         """
         if self._gray is not None and np.array_equal(self._gray, frame.gray):
             return self._frame((self._px[:0], self._ids[:0]), 0.0, len(self._px), frozen=True)
+        self._smear = self._smear_of(frame, T_C1C0)
+        self._t_ns = frame.t_ns
         moved = np.ones(0, bool)
         disparity: float | None = None
         if self._gray is not None and len(self._px):
@@ -87,7 +97,17 @@ class Frontend:
         frozen: bool,
     ) -> FrontendFrame:
         xy = self._camera.normalise(self._px)
-        return FrontendFrame(self._px, self._ids, xy, self._depth_m, *rejected, disparity_px, frozen, followed)
+        return FrontendFrame(
+            self._px, self._ids, xy, self._depth_m, *rejected, disparity_px, frozen, followed, self._smear
+        )
+
+    def _smear_of(self, frame: CameraFrame, T_C1C0: Float) -> float:
+        """Return how far the camera turns while ``frame`` is exposed, at its mean rate since the frame before, rad."""
+        since_ns = frame.t_ns - self._t_ns
+        if self._gray is None or since_ns <= 0:
+            return 0.0
+        exposure_ns = frame.exposure_ns or self._unknown_exposure_ns
+        return float(np.linalg.norm(so3.log(T_C1C0[:3, :3]))) * exposure_ns / since_ns
 
     def drop(self, ids: NDArray[np.int64]) -> None:
         """Stop following these features."""

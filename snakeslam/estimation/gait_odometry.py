@@ -1,8 +1,10 @@
 """The gait as a sensor: how far the head goes between two times, from measured joints and the balance of friction.
 
 dp_I = int R_kI(t) v_I(t) dt in the IMU's frame at the first time: v_I from ``robot.friction.sliding_velocity``, the
-turn R_kI from the gyro. The model's error lasts, so that it does not average out from frame to frame: an error of sigma
-that lasts for tau is taken for white noise of the same strength, var = sigma^2 2 tau dt.
+turn R_kI from the gyro. Out of the ground that velocity alone would drift, since what bears next is not what bore: it
+is drawn to the height h over the plane on which the body lies, v_I <- v_I + n (h - z) / T with z' = n . v_I.
+The model's error lasts, so that it does not average out from frame to frame: an error of sigma that lasts for tau is
+taken for white noise of the same strength, var = sigma^2 2 tau dt.
 """
 
 from bisect import bisect_left, bisect_right
@@ -15,7 +17,7 @@ from snakeslam.estimation.gait_settings import GaitSensorSettings
 from snakeslam.estimation.preintegration import ImuSegments
 from snakeslam.geometry import so3
 from snakeslam.messages import Float, JointState
-from snakeslam.robot.friction import sliding_velocity
+from snakeslam.robot.friction import Sliding, sliding_velocity
 from snakeslam.robot.model import SnakeModel
 
 NS = 1e-9
@@ -25,6 +27,8 @@ KEPT_NS = 5_000_000_000
 CLOCK_SET_BACK_STATES = 10
 """So many states in a row that are late are those of a clock that has been set back."""
 MAX_STEPS = 12
+HEIGHT_TIME_S = 1.0
+"""For shorter the contacts' velocity tells the rise better than the height, in which a head that knocks is not seen."""
 MAX_RATE_RAD_S = 50.0
 STILL_RAD_S = 0.03
 """Joints that all turn slower (rms) do not move the head."""
@@ -36,7 +40,8 @@ STUCK_RAD = 0.02
 class Reckoned:
     """A way ``dp_I`` (3,) m over ``dt_s`` in the frame of its beginning; ``cov_v`` (3, 3) that of the mean velocity.
 
-    ``v_I`` (3,) m/s is the velocity at its end, in the frame there; ``dp_D_log_ratio`` (3,).
+    ``v_I`` (3,) m/s is the velocity at its end, in the frame there; ``dp_D_log_ratio`` (3,). ``heading_I`` (3, 2): the
+    directions ahead and to the left along the ground, there too; ``dp_D_bias`` (3, 2), by a velocity along them.
     """
 
     dt_s: float
@@ -44,6 +49,8 @@ class Reckoned:
     v_I: Float
     cov_v: Float
     dp_D_log_ratio: Float
+    dp_D_bias: Float
+    heading_I: Float
 
 
 class JointHistory:
@@ -132,6 +139,7 @@ class GaitOdometer:
         self._model = model
         self._period_ns = 1e9 / settings.rate_hz
         self._guess_I: Float | None = None
+        self._height_m: float | None = None
 
     def reckon(
         self, joints: JointHistory, start_ns: int, end_ns: int, turn: ImuSegments, R_WI: Float, ratio: float
@@ -145,22 +153,41 @@ class GaitOdometer:
         cuts = np.linspace(start_ns, end_ns, steps + 1).astype(np.int64)
         spans = [joints.mean(int(a), int(b)) for a, b in pairwise(cuts)]
         if np.sqrt(np.mean([dq**2 for _, dq in spans])) < STILL_RAD_S:
-            self._guess_I = None
+            self._guess_I = self._height_m = None
             return None
         w_I = _mean_rates(turn, np.asarray((cuts - start_ns) * NS, dtype=np.float64))
         R, dt_s = np.eye(3), np.diff(cuts) * NS
-        dp_I, by_ratio, cov, v_I = np.zeros(3), np.zeros(3), np.zeros((3, 3)), np.zeros(3)
+        dp_I, by_ratio, by_bias, cov = np.zeros(3), np.zeros(3), np.zeros((3, 2)), np.zeros((3, 3))
+        v_I, heading_I = np.zeros(3), np.zeros((3, 2))
         for (q, dq), w, dt in zip(spans, w_I, dt_s, strict=True):
             half = so3.exp(0.5 * w * dt)
             R_middle = R @ half
-            up_I = (R_WI @ R_middle)[2]
-            sliding = sliding_velocity(self._model, q, dq, w, up_I, ratio, self._guess_I)
-            self._guess_I = v_I = sliding.v_I
+            sliding = sliding_velocity(self._model, q, dq, w, (R_WI @ R_middle)[2], ratio, self._guess_I)
+            self._guess_I = sliding.v_I
+            v_I, heading_I = self._at_height(sliding, dt), _heading(sliding.ground.normal_I)
             dp_I = dp_I + R_middle @ v_I * dt
             by_ratio = by_ratio + R_middle @ sliding.v_D_log_ratio * dt
+            by_bias = by_bias + R_middle @ heading_I * dt
             cov = cov + R_middle @ sliding.cov @ R_middle.T * (dt / dt_s.sum())
             R = R_middle @ half
-        return Reckoned(float(dt_s.sum()), dp_I, v_I, cov, by_ratio)
+        return Reckoned(float(dt_s.sum()), dp_I, v_I, cov, by_ratio, by_bias, heading_I)
+
+    def _at_height(self, sliding: Sliding, dt_s: float) -> Float:
+        """Return the velocity, drawn to the height of the ground under the body."""
+        normal_I, height_m = sliding.ground.normal_I, sliding.ground.height_m
+        before_m = height_m if self._height_m is None else self._height_m
+        v_I = sliding.v_I + normal_I * (height_m - before_m) * min(1.0 / HEIGHT_TIME_S, 1.0 / dt_s)
+        self._height_m = before_m + float(normal_I @ v_I) * dt_s
+        return v_I
+
+
+def _heading(normal_I: Float) -> Float:
+    """Return ahead and left along the ground, (3, 2): the IMU's x and y, y first where the head looks up or down."""
+    flat = abs(float(normal_I[0])) < np.cos(np.pi / 6.0)
+    ahead = np.array([1.0, 0.0, 0.0]) if flat else np.cross([0.0, 1.0, 0.0], normal_I)
+    ahead = ahead - normal_I * (normal_I @ ahead)
+    ahead = ahead / np.linalg.norm(ahead)
+    return np.stack([ahead, np.cross(normal_I, ahead)], axis=1)
 
 
 def _time(joints: JointState) -> int:

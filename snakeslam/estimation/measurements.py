@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from snakeslam.estimation.self_calibration import PLACE, Mount
 from snakeslam.estimation.settings import NoiseSettings
 from snakeslam.estimation.state import State
 from snakeslam.messages import Float
@@ -30,12 +31,15 @@ class CameraRows:
         """Return where a measured depth is within the trusted range."""
         return np.asarray((z >= self.noise.depth_min_m) & (z <= self.noise.depth_max_m))
 
-    def weights(self, xyz: Float) -> Float:
-        """Return 1/sigma of each row of observations (..., 3); 0 for a depth that is not used."""
+    def weights(self, xyz: Float, smear: Float | float = 0.0) -> Float:
+        """Return 1/sigma of each row of observations (..., 3); 0 for a depth that is not used.
+
+        ``smear`` (...), the normalised length over which a feature is smeared, adds ``blur_share`` of it in squares.
+        """
         z = xyz[..., 2]
         sigma_z = self.noise.depth_offset_m + self.noise.depth_square_per_m * z**2
         weight = np.empty_like(xyz)
-        weight[..., :2] = 1.0 / self.sigma_xy
+        weight[..., :2] = 1.0 / np.hypot(self.sigma_xy, self.noise.blur_share * np.asarray(smear))[..., None]
         weight[..., 2] = np.where(self.usable_depth(z), 1.0 / sigma_z, 0.0)
         return weight
 
@@ -46,28 +50,37 @@ class Poses:
 
     R_WI: Float
     p_WI: Float
+    mount: Mount | None = None
+    """The camera on the IMU as the filter has it, None where it is as calibrated."""
     _cameras: tuple[Float, Float] | None = field(default=None, repr=False)
 
     def cameras(self, rows: CameraRows) -> tuple[Float, Float]:
         """Return R_CW (n, 3, 3) and the cameras' own R_CW p_WC (n, 3); made once, for the same ``rows`` each time."""
         if self._cameras is None:
-            R_CW = rows.R_IC.T @ np.swapaxes(self.R_WI, -1, -2)
-            self._cameras = R_CW, (R_CW @ self.p_WI[..., None])[..., 0] + rows.p_IC @ rows.R_IC
+            R_IC, p_IC = self.camera_place(rows)
+            R_CW = R_IC.T @ np.swapaxes(self.R_WI, -1, -2)
+            self._cameras = R_CW, (R_CW @ self.p_WI[..., None])[..., 0] + p_IC @ R_IC
         return self._cameras
+
+    def camera_place(self, rows: CameraRows) -> tuple[Float, Float]:
+        """Return R_IC (3, 3) and p_IC (3,)."""
+        place = self.mount or rows
+        return place.R_IC, place.p_IC
 
     @staticmethod
     def of(state: State) -> "Poses":
         """Return the present estimates of the clones."""
-        return Poses(state.clones.R_WI, state.clones.p_WI)
+        return Poses(state.clones.R_WI, state.clones.p_WI, state.mount)
 
     @staticmethod
     def first_of(state: State) -> "Poses":
-        """Return the first estimates of the clones."""
-        return Poses(state.clones.R_fej, state.clones.p_fej)
+        """Return the first estimates of the clones and of the camera's place."""
+        mount = state.mount.first or state.mount if state.mount is not None else None
+        return Poses(state.clones.R_fej, state.clones.p_fej, mount)
 
     def pick(self, k: int) -> "Poses":
         """Return one of them, still as a batch; ``k`` counts from the start."""
-        return Poses(self.R_WI[k : k + 1], self.p_WI[k : k + 1])
+        return Poses(self.R_WI[k : k + 1], self.p_WI[k : k + 1], self.mount)
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,9 +95,9 @@ class Observations:
     weight: Float
 
     @staticmethod
-    def weighed(xyz: Float, seen: NDArray[np.bool_], rows: CameraRows) -> "Observations":
-        """Return observations with the weights that ``rows`` gives them."""
-        return Observations(xyz, seen, rows.weights(xyz) * seen[..., None])
+    def weighed(xyz: Float, seen: NDArray[np.bool_], rows: CameraRows, smear: Float | float = 0.0) -> "Observations":
+        """Return observations with the weights that ``rows`` gives them; ``smear`` is that of each pose, (n,)."""
+        return Observations(xyz, seen, rows.weights(xyz, smear) * seen[..., None])
 
     @property
     def row_counts(self) -> NDArray[np.int64]:
@@ -137,19 +150,39 @@ def point_jacobians(p_C: Float, poses: Poses, observed: Observations, rows: Came
 
 def jacobians(points_W: Float, poses: Poses, observed: Observations, rows: CameraRows) -> tuple[Float, Float]:
     """Return whitened dh/d(theta, p) (M, n, 3, 6) and dh/dp_W (M, n, 3, 3)."""
+    return all_jacobians(points_W, poses, observed, rows)[:2]
+
+
+def all_jacobians(
+    points_W: Float, poses: Poses, observed: Observations, rows: CameraRows
+) -> tuple[Float, Float, Float]:
+    """Return the same and that by the camera's place on the IMU, (M, n, 3, 6), or (M, n, 3, 0) where it is held.
+
+    p_C = R_CI (p_I - p_IC): by theta of R_IC it is [p_C]x, by p_IC it is -R_CI.
+    """
     p_C = points_in_camera(points_W, poses, rows)
     inverse_z = 1.0 / np.maximum(p_C[..., 2], MIN_Z_M)
     xy = p_C[..., :2] * inverse_z[..., None]
     r_h_pW = _rows_of_projection(xy, inverse_z, observed.weight, poses.cameras(rows)[0])
-    r_h_pI = _rows_of_projection(xy, inverse_z, observed.weight, rows.R_IC.T)
-    p_I = (p_C @ rows.R_IC.T + rows.p_IC)[..., None, :]
+    R_IC, p_IC = poses.camera_place(rows)
+    r_h_pI = _rows_of_projection(xy, inverse_z, observed.weight, R_IC.T)
     Hx = np.empty((*xy.shape[:-1], 3, 6))
-    # A row a^T [p]x is (a x p)^T.
-    Hx[..., 0] = r_h_pI[..., 1] * p_I[..., 2] - r_h_pI[..., 2] * p_I[..., 1]
-    Hx[..., 1] = r_h_pI[..., 2] * p_I[..., 0] - r_h_pI[..., 0] * p_I[..., 2]
-    Hx[..., 2] = r_h_pI[..., 0] * p_I[..., 1] - r_h_pI[..., 1] * p_I[..., 0]
+    _rows_times_hat(r_h_pI, p_C @ R_IC.T + p_IC, Hx)
     np.negative(r_h_pW, out=Hx[..., 3:])
-    return Hx, r_h_pW
+    frees_place = poses.mount is not None and poses.mount.frees_place
+    Hc = np.empty((*xy.shape[:-1], 3, PLACE if frees_place else 0))
+    if frees_place:
+        _rows_times_hat(r_h_pI @ R_IC, p_C, Hc)
+        np.negative(r_h_pI, out=Hc[..., 3:])
+    return Hx, r_h_pW, Hc
+
+
+def _rows_times_hat(a: Float, p: Float, out: Float) -> None:
+    """Write a^T [p]x = (a x p)^T of rows (..., 3, 3) and points (..., 3) into the first columns of ``out``."""
+    p = p[..., None, :]
+    out[..., 0] = a[..., 1] * p[..., 2] - a[..., 2] * p[..., 1]
+    out[..., 1] = a[..., 2] * p[..., 0] - a[..., 0] * p[..., 2]
+    out[..., 2] = a[..., 0] * p[..., 1] - a[..., 1] * p[..., 0]
 
 
 def robust_scale(r: Float) -> Float:

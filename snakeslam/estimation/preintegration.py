@@ -29,6 +29,14 @@ class ImuSegments:
     accel_I: Float
     dt_s: Float
 
+    def last_rate(self, span_s: float, noise: ImuCalibration) -> tuple[Float, float]:
+        """Return the mean rate (3,) over about the last ``span_s`` and one sigma of its noise, rad/s."""
+        until_end_s = np.cumsum(self.dt_s[::-1])[::-1]
+        kept = until_end_s <= max(span_s, float(self.dt_s[-1])) + 1e-9
+        dt_s = self.dt_s[kept]
+        total_s = float(dt_s.sum())
+        return dt_s @ self.gyro_I[kept] / total_s, noise.gyroscope_noise_density / total_s**0.5
+
 
 @dataclass(frozen=True, slots=True)
 class Preintegrated:

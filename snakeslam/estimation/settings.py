@@ -29,6 +29,10 @@ class NoiseSettings(Settings):
     """Measurement noise, one sigma; IMU noise comes from the calibration and is scaled here."""
 
     pixel_px: Positive = 1.0
+    blur_share: Annotated[float, Field(ge=0, le=1)] = 0.2
+    """Error of a feature that is smeared, as a part of the smear's length; it adds to ``pixel_px``."""
+    unknown_exposure_ms: Annotated[float, Field(ge=0, le=100)] = 10.0
+    """Exposure of a frame that does not tell its own."""
     track_drift_px: Annotated[float, Field(ge=0)] = 0.1
     """How far a followed feature wanders over the surface from one frame to the next."""
     depth_offset_m: Positive = 0.004
@@ -40,6 +44,14 @@ class NoiseSettings(Settings):
     imu_white_scale: Positive = 5.0
     """Factor on the calibrated white noise densities: a still IMU's do not hold in motion (vibration, scale, axes)."""
     imu_walk_scale: Positive = 1.0
+
+
+class CalibrationSettings(Settings):
+    """What the filter may correct of the camera's calibration: one sigma of what is wrong with it, 0 holds it."""
+
+    time_offset_sigma_ms: Annotated[float, Field(ge=0, le=100)] = 0.0
+    rotation_sigma_deg: Annotated[float, Field(ge=0, le=10)] = 0.0
+    position_sigma_mm: Annotated[float, Field(ge=0, le=200)] = 0.0
 
 
 class HealthSettings(Settings):
@@ -77,6 +89,7 @@ class EstimatorSettings(Settings):
     frontend: FrontendSettings = FrontendSettings()
     noise: NoiseSettings = NoiseSettings()
     window: WindowSettings = WindowSettings()
+    calibration: CalibrationSettings = CalibrationSettings()
     health: HealthSettings = HealthSettings()
     visual: VisualSettings = VisualSettings()
     planar: PlanarSettings = PlanarSettings()

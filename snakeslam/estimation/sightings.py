@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from snakeslam.estimation.gating import Innovation
 from snakeslam.estimation.ieskf import Information
-from snakeslam.estimation.measurements import CameraRows, Observations, Poses, jacobians, residuals, robust_scale
-from snakeslam.estimation.state import CLONE, State
+from snakeslam.estimation.measurements import CameraRows, Observations, Poses, all_jacobians, residuals, robust_scale
+from snakeslam.estimation.state import LANDMARK, State
 from snakeslam.messages import Float
 
 
@@ -33,12 +33,13 @@ class Sightings:
         return residuals(state.landmarks.p_W[self.index], newest, self.observed, self.rows)[:, 0]
 
     def _rows_of_state(self, state: State) -> tuple[NDArray[np.int64], Float]:
-        """Return where the errors of pose and landmark stand (L, 9) and the Jacobian along them, (L, 3, 9)."""
+        """Return where the errors stand of pose, camera and landmark (L, k), and the Jacobian along them, (L, 3, k)."""
         newest = len(state.clones) - 1
         first = Poses.first_of(state).pick(newest)
-        Hx, Hf = jacobians(state.landmarks.p_fej[self.index], first, self.observed, self.rows)
-        pose = np.broadcast_to(np.arange(CLONE) + state.clone_slice(newest).start, (len(self.index), CLONE))
-        return np.hstack([pose, state.landmark_rows(self.index)]), np.concatenate([Hx[:, 0], Hf[:, 0]], axis=-1)
+        Hx, Hf, Hc = all_jacobians(state.landmarks.p_fej[self.index], first, self.observed, self.rows)
+        pose = np.r_[state.camera_place, state.clone_slice(newest)]
+        at = np.hstack([np.broadcast_to(pose, (len(self.index), len(pose))), state.landmark_rows(self.index)])
+        return at, np.concatenate([Hc[:, 0], Hx[:, 0], Hf[:, 0]], axis=-1)
 
     def innovation(self, state: State) -> Innovation:
         """Return how far each is from what the state foresees, S = H P H^T + I."""
@@ -54,13 +55,14 @@ class Sightings:
         r, H = r * self._scale, H * self._scale[..., None]
         H_T = np.swapaxes(H, 1, 2)
         blocks, gradient = H_T @ H, (H_T @ r[..., None])[..., 0]
-        pose, own = at[0, :CLONE], at[:, CLONE:]
-        total.L[pose[:, None], pose] += blocks[:, :CLONE, :CLONE].sum(axis=0)
-        total.L[pose[None, :, None], own[:, None, :]] += blocks[:, :CLONE, CLONE:]
-        total.L[own[:, :, None], pose[None, None, :]] += blocks[:, CLONE:, :CLONE]
-        total.L[own[:, :, None], own[:, None, :]] += blocks[:, CLONE:, CLONE:]
-        total.gradient[pose] += gradient[:, :CLONE].sum(axis=0)
-        total.gradient[own] += gradient[:, CLONE:]
+        shared, owned = slice(0, at.shape[1] - LANDMARK), slice(at.shape[1] - LANDMARK, None)
+        pose, own = at[0, shared], at[:, owned]
+        total.L[pose[:, None], pose] += blocks[:, shared, shared].sum(axis=0)
+        total.L[pose[None, :, None], own[:, None, :]] += blocks[:, shared, owned]
+        total.L[own[:, :, None], pose[None, None, :]] += blocks[:, owned, shared]
+        total.L[own[:, :, None], own[:, None, :]] += blocks[:, owned, owned]
+        total.gradient[pose] += gradient[:, shared].sum(axis=0)
+        total.gradient[own] += gradient[:, owned]
         total.cost += float(np.sum(r * r))
 
     def cost(self, state: State) -> float:

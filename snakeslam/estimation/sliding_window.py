@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from snakeslam.calibration import ImuCalibration
+from snakeslam.calibration import CameraCalibration, ImuCalibration
 from snakeslam.estimation.features import Features, promote
 from snakeslam.estimation.frontend import FrontendFrame
 from snakeslam.estimation.gait_rows import Carried, GaitRows, GaitWay
@@ -13,9 +13,10 @@ from snakeslam.estimation.gating import Innovation
 from snakeslam.estimation.ieskf import Measurement, update
 from snakeslam.estimation.measurements import CameraRows, Observations
 from snakeslam.estimation.preintegration import ImuSegments, preintegrate
+from snakeslam.estimation.self_calibration import RATE_SPAN_S, free_mount, motion_by_time
 from snakeslam.estimation.settings import EstimatorSettings
 from snakeslam.estimation.sightings import Sightings
-from snakeslam.estimation.state import THETA, State, V
+from snakeslam.estimation.state import BIAS_G, THETA, State, V
 from snakeslam.estimation.stillness import AtRest, Rest
 from snakeslam.estimation.tracks import TrackTable, among
 from snakeslam.messages import Float
@@ -34,6 +35,22 @@ class Model:
     noise: ImuCalibration
     gravity_W: Float
     focal_px: float
+
+    @staticmethod
+    def of(settings: EstimatorSettings, cam0: CameraCalibration, imu: ImuCalibration, focal_px: float) -> "Model":
+        """Return the sensors' model with the settings' factors on the IMU's noise."""
+        white, walk = settings.noise.imu_white_scale, settings.noise.imu_walk_scale
+        noise = imu.model_copy(
+            update={
+                "gyroscope_noise_density": imu.gyroscope_noise_density * white,
+                "accelerometer_noise_density": imu.accelerometer_noise_density * white,
+                "gyroscope_random_walk": imu.gyroscope_random_walk * walk,
+                "accelerometer_random_walk": imu.accelerometer_random_walk * walk,
+            }
+        )
+        T_IC = cam0.T_IC
+        rows = CameraRows(T_IC[:3, :3], T_IC[:3, 3], settings.noise.pixel_px / focal_px, settings.noise)
+        return Model(rows, noise, np.array([0.0, 0.0, -settings.gravity_m_s2]), focal_px)
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,12 +75,17 @@ class SlidingWindow:
         self._settings = settings
         self._model = model
         self._tracks = TrackTable()
+        self._rate: tuple[Float, float] | None = None
+        freed = free_mount(model.rows.R_IC, model.rows.p_IC, settings.calibration)
+        if freed is not None:
+            state.free_mount(*freed)
 
     def propagate(self, span: ImuSegments | None, t_ns: int, gap_s: float) -> None:
         """Move to ``t_ns`` by the IMU; where that was silent for ``gap_s``, the state is less certain."""
         if span is None:
             return
         state, model = self.state, self._model
+        self._rate = span.last_rate(RATE_SPAN_S, model.noise)
         state.propagate(preintegrate(span, state.bias_g, state.bias_a, model.noise), t_ns, model.gravity_W)
         if gap_s > self._settings.health.max_imu_gap_s:
             blind_s = min(gap_s, float(span.dt_s.sum()))
@@ -73,11 +95,11 @@ class SlidingWindow:
     def correct(self, frame: FrontendFrame, rest: Rest | None = None, way: GaitWay | None = None) -> Report:
         """Take the features of a frame at the state's time, that the head is at rest when it is, the gait's way."""
         state, tracks = self.state, self._tracks
-        state.add_clone()
+        state.add_clone(self._motion_by_time())
         state.keep_landmarks(among(state.landmarks.ids, frame.ids))
         self._let_landmarks_wander()
         free = ~among(frame.ids, state.landmarks.ids)
-        tracks.observe(frame.ids[free], frame.xy[free], frame.depth_m[free])
+        tracks.observe(frame.ids[free], frame.xy[free], frame.depth_m[free], frame.smear)
         sightings, seen = self._sightings(frame)
         lost = ~among(tracks.ids, frame.ids)
         leaving = self._leaving_clone()
@@ -117,6 +139,15 @@ class SlidingWindow:
         rows = AtRest.of(rest, self.state, has_clone)
         return [rows] if rows.innovation(self.state).accepted.all() else []
 
+    def _motion_by_time(self) -> Float | None:
+        """Return how the pose changes with time, (6,), None at a start."""
+        state = self.state
+        if self._rate is None:
+            return None
+        rate_I, sigma = self._rate
+        cov_rate = state.cov[BIAS_G, BIAS_G] + np.eye(3) * sigma**2
+        return motion_by_time(rate_I - state.bias_g, cov_rate, state.v_W, state.cov[V, V])
+
     def _let_landmarks_wander(self) -> None:
         """Widen landmarks by what their tracks creep from frame to frame: an error that no averaging takes away."""
         state = self.state
@@ -129,7 +160,7 @@ class SlidingWindow:
         _, at, index = np.intersect1d(frame.ids, landmarks.ids, assume_unique=True, return_indices=True)
         xyz = np.column_stack([frame.xy[at], frame.depth_m[at]])[:, None]
         rows = self._model.rows
-        sightings = Sightings(index, Observations.weighed(xyz, np.ones((len(at), 1), bool), rows), rows)
+        sightings = Sightings(index, Observations.weighed(xyz, np.ones((len(at), 1), bool), rows, frame.smear), rows)
         if not len(at):
             return sightings, Innovation.none()
         innovation = sightings.innovation(self.state)
@@ -140,7 +171,7 @@ class SlidingWindow:
     def _features(self, chosen: NDArray[np.bool_]) -> tuple[Features, Innovation]:
         """Return the chosen tracks as features that pass the gate."""
         tracks, rows = self._tracks, self._model.rows
-        observed = Observations.weighed(tracks.xyz[chosen], tracks.seen[chosen], rows)
+        observed = Observations.weighed(tracks.xyz[chosen], tracks.seen[chosen], rows, tracks.smear)
         features = Features.of(tracks.ids[chosen], observed, self.state, rows)
         if not len(features):
             return features, Innovation.none()

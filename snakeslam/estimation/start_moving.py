@@ -55,9 +55,8 @@ def _window(
         return None
     t_s = (np.array(times_ns) - times_ns[0]) / 1e9
     kept = [span for span in spans if span is not None]
-    return StartWindow(
-        t_s, kept, Observations.weighed(tracks.xyz[long], tracks.seen[long], rows), rows, noise, gravity_m_s2
-    )
+    observed = Observations.weighed(tracks.xyz[long], tracks.seen[long], rows, tracks.smear)
+    return StartWindow(t_s, kept, observed, rows, noise, gravity_m_s2)
 
 
 def _gyro_bias(window: StartWindow) -> Float:

@@ -64,5 +64,5 @@ class Starter:
     def _table(self) -> TrackTable:
         tracks = TrackTable()
         for past in self._history:
-            tracks.observe(past.features.ids, past.features.xy, past.features.depth_m)
+            tracks.observe(past.features.ids, past.features.xy, past.features.depth_m, past.features.smear)
         return tracks

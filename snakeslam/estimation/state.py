@@ -1,8 +1,8 @@
 """The filter's state on its manifold: IMU, a window of pose clones, landmarks; one covariance over their errors.
 
-Errors are (theta, p, v, b_g, b_a | theta, p of each clone | p of each landmark), with R_true = R Exp(theta) and
-additive others. Beside each value stands its first estimate (``_fej``), where Jacobians are taken, so that the
-filter does not gain information along directions that nobody observes [Huang10].
+Errors are (theta, p, v, b_g, b_a | what is free of the camera's mount | theta, p of each clone | p of each
+landmark), with R_true = R Exp(theta) and additive others. Beside each value stands its first estimate (``_fej``), where
+Jacobians are taken, so that the filter does not gain information along directions that nobody observes [Huang10].
 """
 
 from dataclasses import dataclass, field
@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 from snakeslam.estimation.preintegration import ALPHA, BETA, Preintegrated
 from snakeslam.estimation.preintegration import GAMMA as GAMMA_ROWS
+from snakeslam.estimation.self_calibration import Mount
+from snakeslam.estimation.state_parts import Clones, Landmarks
 from snakeslam.geometry import se3, so3
 from snakeslam.messages import Float
 
@@ -26,59 +28,8 @@ UP = np.array([0.0, 0.0, 1.0])
 SUMS = np.r_[GAMMA_ROWS, ALPHA, BETA, BIASES]
 
 
-@dataclass(slots=True)
-class Clones:
-    """The IMU's poses at the times of the window's frames, oldest first, with their first estimates; n of them."""
-
-    t_ns: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
-    R_WI: Float = field(default_factory=lambda: np.empty((0, 3, 3)))
-    p_WI: Float = field(default_factory=lambda: np.empty((0, 3)))
-    R_fej: Float = field(default_factory=lambda: np.empty((0, 3, 3)))
-    p_fej: Float = field(default_factory=lambda: np.empty((0, 3)))
-
-    def __len__(self) -> int:
-        return len(self.t_ns)
-
-    def append(self, t_ns: int, R_WI: Float, p_WI: Float, R_fej: Float, p_fej: Float) -> None:
-        """Add the newest."""
-        self.t_ns = np.append(self.t_ns, np.int64(t_ns))
-        self.R_WI, self.R_fej = np.concatenate([self.R_WI, R_WI[None]]), np.concatenate([self.R_fej, R_fej[None]])
-        self.p_WI, self.p_fej = np.concatenate([self.p_WI, p_WI[None]]), np.concatenate([self.p_fej, p_fej[None]])
-
-    def delete(self, k: int) -> None:
-        """Remove one."""
-        self.t_ns = np.delete(self.t_ns, k)
-        self.R_WI, self.R_fej = np.delete(self.R_WI, k, axis=0), np.delete(self.R_fej, k, axis=0)
-        self.p_WI, self.p_fej = np.delete(self.p_WI, k, axis=0), np.delete(self.p_fej, k, axis=0)
-
-
-@dataclass(slots=True)
-class Landmarks:
-    """Points in W that stay in the state as long as their tracks last: ``p_W`` (L, 3) with first estimates."""
-
-    ids: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
-    p_W: Float = field(default_factory=lambda: np.empty((0, 3)))
-    p_fej: Float = field(default_factory=lambda: np.empty((0, 3)))
-    rejections: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, np.int64))
-    """How often in a row each has failed the gate."""
-
-    def __len__(self) -> int:
-        return len(self.ids)
-
-    def append(self, ids: NDArray[np.int64], p_W: Float) -> None:
-        """Add points (k, 3) whose first estimates are their present ones."""
-        self.ids = np.concatenate([self.ids, ids])
-        self.p_W, self.p_fej = np.concatenate([self.p_W, p_W]), np.concatenate([self.p_fej, p_W])
-        self.rejections = np.concatenate([self.rejections, np.zeros(len(ids), np.int64)])
-
-    def keep(self, kept: NDArray[np.bool_]) -> None:
-        """Remove the others."""
-        self.ids, self.rejections = self.ids[kept], self.rejections[kept]
-        self.p_W, self.p_fej = self.p_W[kept], self.p_fej[kept]
-
-
-Nominal = tuple[Float, Float, Float, Float, Float, Float, Float, Float]
-"""R_WI, p_WI, v_W, biases, then R_WI and p_WI of the clones, p_W of the landmarks; never written into."""
+Nominal = tuple[Float, Float, Float, Float, Float, Mount | None, Float, Float, Float]
+"""R_WI, p_WI, v_W, biases, mount, then R_WI and p_WI of the clones, p_W of the landmarks; never written into."""
 
 
 @dataclass(slots=True)
@@ -94,6 +45,8 @@ class State:
     cov: Float
     clones: Clones = field(default_factory=Clones)
     landmarks: Landmarks = field(default_factory=Landmarks)
+    mount: Mount | None = None
+    """The camera on the IMU, None while its calibration is held."""
     R_fej: Float = field(init=False)
     p_fej: Float = field(init=False)
     v_fej: Float = field(init=False)
@@ -109,16 +62,33 @@ class State:
     @property
     def size(self) -> int:
         """Length of the error state."""
-        return CORE + CLONE * len(self.clones) + LANDMARK * len(self.landmarks)
+        return self.window.stop + LANDMARK * len(self.landmarks)
+
+    @property
+    def camera_time(self) -> slice:
+        """Where the error of the camera's time stands; empty when it is held."""
+        return slice(CORE, CORE + (self.mount.time_size if self.mount is not None else 0))
+
+    @property
+    def camera_place(self) -> slice:
+        """Where the error of the camera's place on the IMU stands; empty when it is held."""
+        return slice(self.camera_time.stop, CORE + (self.mount.size if self.mount is not None else 0))
+
+    @property
+    def view(self) -> slice:
+        """Where all stands that says where a picture was taken from: the camera's place, then the window."""
+        return slice(self.camera_place.start, self.window.stop)
 
     def clone_slice(self, k: int) -> slice:
         """Return where the error of clone ``k`` stands."""
-        return slice(CORE + CLONE * k, CORE + CLONE * (k + 1))
+        start = self.camera_place.stop + CLONE * k
+        return slice(start, start + CLONE)
 
     @property
     def window(self) -> slice:
         """Where the errors of all clones stand."""
-        return slice(CORE, CORE + CLONE * len(self.clones))
+        start = self.camera_place.stop
+        return slice(start, start + CLONE * len(self.clones))
 
     def landmark_rows(self, index: NDArray[np.int64]) -> NDArray[np.int64]:
         """Return where the errors of landmarks ``index`` (L,) stand, (L, 3)."""
@@ -207,11 +177,27 @@ class State:
 
     # -- Parts --------------------------------------------------------------------------------------------------------
 
-    def add_clone(self) -> None:
-        """Append the present pose to the window."""
+    def free_mount(self, mount: Mount, variance: Float) -> None:
+        """Take what is free of the camera's mount into the state, (size,) variances; there are no clones yet."""
+        self.mount = mount
+        n = len(self.cov)
+        cov = np.zeros((n + mount.size, n + mount.size))
+        cov[:n, :n] = self.cov
+        cov[np.arange(n, len(cov)), np.arange(n, len(cov))] = variance
+        self.cov = cov
+
+    def add_clone(self, r_pose_t: Float | None = None) -> None:
+        """Append the pose of the present frame to the window.
+
+        ``r_pose_t`` (6,) is d(theta, p)/dt: where the camera's time is free, an error of it moves the clone.
+        """
         at = self.window.stop
         order = np.r_[0:at, POSE, at : self.size]
         self.cov = self.cov[order[:, None], order]
+        if r_pose_t is not None and self.camera_time.stop > CORE:
+            clone = slice(at, at + CLONE)
+            self.cov[clone] += np.outer(r_pose_t, self.cov[CORE])
+            self.cov[:, clone] += np.outer(self.cov[:, CORE], r_pose_t)
         self.clones.append(self.t_ns, self.R_WI, self.p_WI, self.R_fej, self.p_fej)
 
     def drop_clone(self, k: int) -> None:
@@ -249,12 +235,13 @@ class State:
         """Return the nominal values, to go back to."""
         clones = self.clones
         core = (self.R_WI, self.p_WI, self.v_W, self.bias_g, self.bias_a)
-        return (*core, clones.R_WI, clones.p_WI, self.landmarks.p_W)
+        return (*core, self.mount, clones.R_WI, clones.p_WI, self.landmarks.p_W)
 
     def restore(self, nominal: Nominal) -> None:
         """Put nominal values back."""
         self.R_WI, self.p_WI, self.v_W, self.bias_g, self.bias_a = nominal[:5]
-        self.clones.R_WI, self.clones.p_WI, self.landmarks.p_W = nominal[5:]
+        self.mount = nominal[5]
+        self.clones.R_WI, self.clones.p_WI, self.landmarks.p_W = nominal[6:]
 
     def plus(self, dx: Float) -> None:
         """Add an error to every part, in place: X <- X [+] dx."""
@@ -265,6 +252,8 @@ class State:
         self.v_W = self.v_W + dx[V]
         self.bias_g = self.bias_g + dx[BIAS_G]
         self.bias_a = self.bias_a + dx[BIAS_A]
+        if self.mount is not None:
+            self.mount = self.mount.plus(dx[CORE : self.window.start])
         self.clones.R_WI = self.clones.R_WI @ turns[1:]
         self.clones.p_WI = self.clones.p_WI + window[:, 1]
         self.landmarks.p_W = self.landmarks.p_W + dx[self.window.stop :].reshape(-1, LANDMARK)

@@ -19,12 +19,14 @@ def among(ids: NDArray[np.int64], others: NDArray[np.int64]) -> NDArray[np.bool_
 class TrackTable:
     """Observations of M tracks from the n clones of the window, as arrays whose columns are the clones.
 
-    ``ids`` (M,), ``xyz`` (M, n, 3) normalised (x, y) and depth in m (0 = unknown), ``seen`` (M, n).
+    ``ids`` (M,), ``xyz`` (M, n, 3) normalised (x, y) and depth in m (0 = unknown), ``seen`` (M, n); ``smear`` (n,) is
+    how far each clone's picture is smeared, normalised.
     """
 
     ids: NDArray[np.int64]
     xyz: Float
     seen: NDArray[np.bool_]
+    smear: Float
 
     def __init__(self) -> None:
         self.clear()
@@ -39,7 +41,7 @@ class TrackTable:
         """Whether any observation of a track has a depth, (M,)."""
         return np.asarray(np.any(self.xyz[..., 2] > 0.0, axis=1))
 
-    def observe(self, ids: NDArray[np.int64], xy: Float, depth_m: Float) -> None:
+    def observe(self, ids: NDArray[np.int64], xy: Float, depth_m: Float, smear: float = 0.0) -> None:
         """Add the column of the newest clone; ids (k,) that are new become rows."""
         known = among(ids, self.ids)
         new = ids[~known]
@@ -51,10 +53,12 @@ class TrackTable:
         rows = order[np.searchsorted(self.ids[order], ids)]
         xyz[rows, n, :2], xyz[rows, n, 2], seen[rows, n] = xy, depth_m, True
         self.xyz, self.seen = xyz, seen
+        self.smear = np.append(self.smear, smear)
 
     def forget_column(self, k: int) -> None:
         """Drop the observations of clone ``k``, and the tracks that have no others."""
         self.xyz, self.seen = np.delete(self.xyz, k, axis=1), np.delete(self.seen, k, axis=1)
+        self.smear = np.delete(self.smear, k)
         self.keep(np.asarray(self.seen.any(axis=1)))
 
     def keep(self, kept: NDArray[np.bool_]) -> None:
@@ -66,3 +70,4 @@ class TrackTable:
         self.ids = np.empty(0, np.int64)
         self.xyz = np.empty((0, 0, 3))
         self.seen = np.empty((0, 0), bool)
+        self.smear = np.empty(0)

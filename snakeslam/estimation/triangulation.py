@@ -17,7 +17,7 @@ from snakeslam.messages import Float
 ROUNDS = 4
 TINY = 1e-9
 SETTLED = 1e-2
-MAX_RELATIVE_SIGMA = 0.15
+MAX_RELATIVE_SIGMA = 0.1
 MIN_Z_M = 0.1
 NEAR_M = 0.3
 
@@ -89,9 +89,15 @@ def _normal_equations(
 def _well_determined(
     points: Float, A: Float, poses: Poses, observed: Observations, rows: CameraRows
 ) -> NDArray[np.bool_]:
-    """Return which points are in front of all cameras and known to 15 % of their distance."""
+    """Return which points are in front of all cameras and known well enough for their distance.
+
+    Noise alone makes far points look near, and near points well known. So one that is nearer than the median is asked
+    what would be known of it there, sigma ~ distance^2: chosen by their own noise, points make the filter too sure.
+    """
     p_C = points_in_camera(points, poses, rows)
     in_front = np.all((p_C[..., 2] > MIN_Z_M) | ~observed.seen, axis=1) & np.all(np.isfinite(points), axis=1)
     weakest = np.maximum(np.linalg.eigvalsh(A)[:, 0], TINY)
     distance = np.linalg.norm(points - poses.p_WI[-1], axis=1)
-    return np.asarray(in_front & (1.0 / np.sqrt(weakest) < MAX_RELATIVE_SIGMA * np.maximum(distance, NEAR_M)))
+    usual = np.median(distance[in_front]) if in_front.any() else 0.0
+    sigma = np.maximum(1.0, usual / np.maximum(distance, TINY)) / np.sqrt(weakest)
+    return np.asarray(in_front & (sigma < MAX_RELATIVE_SIGMA * np.maximum(distance, NEAR_M)))

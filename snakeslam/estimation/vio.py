@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from snakeslam.calibration import ImuCalibration, SensorRig
+from snakeslam.calibration import SensorRig
 from snakeslam.errors import InputError
 from snakeslam.estimation.base import FrameEstimate
 from snakeslam.estimation.camera import PinholeCamera
@@ -20,18 +20,18 @@ from snakeslam.estimation.frontend import Frontend, FrontendFrame
 from snakeslam.estimation.gait_aid import GaitAid
 from snakeslam.estimation.gating import Agreement
 from snakeslam.estimation.health import Evidence, judge, supports
-from snakeslam.estimation.measurements import CameraRows
 from snakeslam.estimation.preintegration import ImuBuffer
+from snakeslam.estimation.published import frame_estimate
 from snakeslam.estimation.roll import RollPrior, with_roll
+from snakeslam.estimation.self_calibration import Mount
 from snakeslam.estimation.settings import EstimatorSettings
 from snakeslam.estimation.sliding_window import Model, Report, SlidingWindow
 from snakeslam.estimation.starting import AT_REST, Seen, Starter
-from snakeslam.estimation.state import P, State, V
+from snakeslam.estimation.state import CORE, P, State, V
 from snakeslam.estimation.stillness import REST_NS, Rest, RestDetector
 from snakeslam.geometry import se3, so3
-from snakeslam.messages import CameraFrame, Float, Health, ImuSample, JointState, Packet, PoseEstimate, Verdict
+from snakeslam.messages import CameraFrame, Float, Health, ImuSample, JointState, Packet, Verdict
 
-POSE_AND_VELOCITY = slice(0, 9)
 REST_MEAN_NS = 500_000_000
 REST_SPEED_M_S = 0.01
 """Faster than this by its own reckoning it is not at rest: a slow way along the view hardly moves the picture."""
@@ -67,9 +67,11 @@ class VisualInertialOdometry:
             raise InputError("estimator.mode", f"'{mode}' needs an IMU, and this recording has none", "visual")
         self._settings = settings
         camera = PinholeCamera(rig.cam0)
-        self._model = _model(settings, rig, rig.imu0, camera.focal_px)
+        self._model = Model.of(settings, rig.cam0, rig.imu0, camera.focal_px)
         self._shift_ns = round(rig.cam0.timeshift_cam_imu * 1e9)
-        self._frontend: FeatureSource = frontend or Frontend(settings.frontend, camera, seed)
+        self._frontend: FeatureSource = frontend or Frontend(
+            settings.frontend, camera, seed, round(settings.noise.unknown_exposure_ms * 1e6)
+        )
         self._imu = ImuBuffer(rig.imu0)
         self._gait = gait
         self._starter = Starter(settings, self._model)
@@ -99,14 +101,14 @@ class VisualInertialOdometry:
     # -- Time ---------------------------------------------------------------------------------------------------------
 
     def _take_frame(self, frame: CameraFrame) -> FrameEstimate:
-        t_ns = frame.t_ns + self._shift_ns
+        t_ns = frame.t_ns + self._shift_ns + self._offset_ns()
         last_ns = self._last_ns
         if last_ns is not None and t_ns <= last_ns:
             return self._goes_back(frame, t_ns)
         ahead_s = self._imu.ahead_s(t_ns)
         if self._filter is not None and ahead_s > self._settings.health.max_blind_s:
             health = Health(Verdict.BLIND, (f"the frame's time is {ahead_s:.1f} s ahead of the IMU",))
-            return _estimate(frame, None, None, health)
+            return frame_estimate(frame, None, None, health)
         self._back_ns.clear()
         gap_s = self._imu.longest_gap_s(last_ns, t_ns) if last_ns is not None else 0.0
         if self._filter is not None:
@@ -119,12 +121,24 @@ class VisualInertialOdometry:
             return self._start(frame, seen, gap_s)
         return self._track(frame, seen, self._filter, gap_s)
 
+    @property
+    def mount(self) -> tuple[Mount, Float] | None:
+        """What the filter makes of the camera's time and place, and its covariance; None before or while held."""
+        state = self._filter.state if self._filter is not None else None
+        if state is None or state.mount is None:
+            return None
+        return state.mount, state.cov[CORE : state.camera_place.stop, CORE : state.camera_place.stop].copy()
+
+    def _offset_ns(self) -> int:
+        """Return what the filter has found of the camera's time beyond its calibration."""
+        return 0 if self.mount is None else round(self.mount[0].offset_s * 1e9)
+
     def _goes_back(self, frame: CameraFrame, t_ns: int) -> FrameEstimate:
         """Leave out a frame whose time goes back; when the clock itself has been set back, start anew with it."""
         self._back_ns = [*self._back_ns, t_ns] if not self._back_ns or t_ns > self._back_ns[-1] else [t_ns]
         reasons = ("the frame's time goes back",)
         if len(self._back_ns) < CLOCK_SET_BACK_FRAMES:
-            return _estimate(frame, None, None, Health(Verdict.BLIND, reasons))
+            return frame_estimate(frame, None, None, Health(Verdict.BLIND, reasons))
         if self._filter is not None:
             self._reset(self._filter.state)
         self._imu.clear()
@@ -132,7 +146,7 @@ class VisualInertialOdometry:
             self._gait.clear()
         self._last_ns = self._picture_ns = None
         self._back_ns.clear()
-        return _estimate(frame, None, None, Health(Verdict.LOST, (*reasons, "the clock was set back")), ("reset",))
+        return frame_estimate(frame, None, None, Health(Verdict.LOST, (*reasons, "the clock was set back")), ("reset",))
 
     # -- One frame ----------------------------------------------------------------------------------------------------
 
@@ -181,9 +195,9 @@ class VisualInertialOdometry:
         self._imu.forget_before(min(state.t_ns - REST_NS, self._picture_ns or state.t_ns))
         if health.verdict is not Verdict.LOST:
             self._bias_g = state.bias_g
-            return _estimate(frame, seen, state, health)
+            return frame_estimate(frame, seen, state, health, shift_ns=self._shift_ns)
         self._reset(state)
-        return _estimate(frame, seen, None, health, ("reset",))
+        return frame_estimate(frame, seen, None, health, ("reset",))
 
     def _reset(self, state: State) -> None:
         """Forget everything but where the robot was last: as reckoned, or as last seen where that has gone astray."""
@@ -201,7 +215,7 @@ class VisualInertialOdometry:
             reasons = ["waiting for a start"]
             reasons += [f"IMU silent for {gap_s * 1e3:.0f} ms"] if gap_s > self._settings.health.max_imu_gap_s else []
             reasons += [f"{bad} IMU samples were late, not numbers or not possible"] if bad else []
-            return _estimate(frame, seen, None, Health(Verdict.INITIALISING, tuple(reasons)))
+            return frame_estimate(frame, seen, None, Health(Verdict.INITIALISING, tuple(reasons)))
         self._filter, event = started
         state = self._filter.state
         self._filter.propagate(self._imu.segments(state.t_ns, seen.t_ns), seen.t_ns, 0.0)
@@ -212,14 +226,16 @@ class VisualInertialOdometry:
             self._rest.begin(seen.t_ns, seen.features)
         self._bias_g = state.bias_g
         self._supported_ns = seen.t_ns
-        return _estimate(frame, seen, state, Health(Verdict.GOOD, (), seen.features.followed), (event,))
+        health = Health(Verdict.GOOD, (), seen.features.followed)
+        return frame_estimate(frame, seen, state, health, (event,), self._shift_ns)
 
     def _motion(self, t_ns: int) -> Float:
         """Return T_C1C0, about how the camera has moved since the last new picture: as the filter foresees.
 
         Without a filter only the gyro's turn is known.
         """
-        T_IC = se3.from_rt(self._model.rows.R_IC, self._model.rows.p_IC)
+        place = self.mount[0] if self.mount is not None else self._model.rows
+        T_IC = se3.from_rt(place.R_IC, place.p_IC)
         if self._filter is not None and len(self._filter.state.clones):
             state = self._filter.state
             last = se3.from_rt(state.clones.R_WI[-1], state.clones.p_WI[-1])
@@ -243,40 +259,3 @@ class VisualInertialOdometry:
         """Return T_C1C0 of the gait's roll alone."""
         roll_rad = None if self._picture_ns is None else self._roll.between(self._picture_ns, t_ns)
         return np.eye(4) if roll_rad is None else se3.from_rt(with_roll(np.eye(3), -roll_rad), np.zeros(3))
-
-
-def _estimate(
-    frame: CameraFrame, seen: Seen | None, state: State | None, health: Health, events: tuple[str, ...] = ()
-) -> FrameEstimate:
-    pose = None
-    if state is not None:
-        cov = state.cov[POSE_AND_VELOCITY, POSE_AND_VELOCITY].copy()
-        pose = PoseEstimate(frame.t_ns, state.T_WI, state.v_W.copy(), cov, health)
-    px, ids, inliers = _overlay(seen.features if seen is not None else None)
-    return FrameEstimate(frame.t_ns, frame.seq, pose, health, px, ids, inliers, events)
-
-
-def _overlay(
-    features: FrontendFrame | None,
-) -> tuple[NDArray[np.float32], NDArray[np.int64], NDArray[np.bool_]]:
-    if features is None:
-        return np.empty((0, 2), np.float32), np.empty(0, np.int64), np.empty(0, bool)
-    px = np.vstack([features.px, features.rejected_px])
-    ids = np.concatenate([features.ids, features.rejected_ids])
-    return px, ids, np.arange(len(ids)) < len(features.ids)
-
-
-def _model(settings: EstimatorSettings, rig: SensorRig, imu: ImuCalibration, focal_px: float) -> Model:
-    """Return the sensors' model with the settings' factors on the IMU's noise."""
-    white, walk = settings.noise.imu_white_scale, settings.noise.imu_walk_scale
-    noise = imu.model_copy(
-        update={
-            "gyroscope_noise_density": imu.gyroscope_noise_density * white,
-            "accelerometer_noise_density": imu.accelerometer_noise_density * white,
-            "gyroscope_random_walk": imu.gyroscope_random_walk * walk,
-            "accelerometer_random_walk": imu.accelerometer_random_walk * walk,
-        }
-    )
-    T_IC = rig.cam0.T_IC
-    rows = CameraRows(T_IC[:3, :3], T_IC[:3, 3], settings.noise.pixel_px / focal_px, settings.noise)
-    return Model(rows, noise, np.array([0.0, 0.0, -settings.gravity_m_s2]), focal_px)

@@ -32,6 +32,11 @@ class Ground:
     loads_n: Float
     link: NDArray[np.int64]
 
+    @property
+    def height_m(self) -> float:
+        """How far the origin of I is over the plane."""
+        return -float(self.loads_n @ self.contacts_I @ self.normal_I / self.loads_n.sum())
+
 
 def level(model: SnakeModel, Ts_IL: Float, up_I: Float) -> Ground:
     """Return the ground under the links ``Ts_IL`` (N + 1, 4, 4), near the upward direction ``up_I`` (3,).

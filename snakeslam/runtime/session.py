@@ -12,13 +12,13 @@ from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from time import monotonic
-from typing import Literal
 
 import numpy as np
 
 from snakeslam.backends.base import Backend
 from snakeslam.config import Config
 from snakeslam.errors import InputError, SnakeslamError
+from snakeslam.estimation.settings import Mode
 from snakeslam.gaits.advance import advance_notice
 from snakeslam.gaits.catalogue import resolve
 from snakeslam.gaits.command import commanded_gait
@@ -64,7 +64,7 @@ class SessionSpec:
 
     config: Config
     recording: Path | None = None
-    estimator_mode: Literal["visual", "vio"] | None = None
+    estimator_mode: Mode | None = None
     estop_reason: str | None = None
     autostart: bool = False
     build: "Callable[[SessionSpec], Backend] | None" = None

@@ -92,14 +92,14 @@ def _curve(
     name: MeasureName,
 ) -> None:
     """Draw one line with the range over the seeds."""
-    values = study.settings.axes[str(figure.x)]
+    values = study.settings.row_axes[str(figure.x)]
     found = [(x, s) for x in values if (s := spread(chosen_rows(rows, {str(figure.x): x}), name)) is not None]
     if not found:
         return
     numeric = all(isinstance(x, int | float) for x in values)
     xs = [x if numeric else text(x) for x, _ in found]
-    mean = np.array([s.mean for _, s in found])
-    reach = np.array([[s.mean - s.lowest for _, s in found], [s.highest - s.mean for _, s in found]])
+    mean = np.array([s.average for _, s in found])
+    reach = np.array([[s.average - s.lowest for _, s in found], [s.highest - s.average for _, s in found]])
     off = _deviation(study, figure, rows, name)
     look: dict[str, Any] = {"color": COLOURS[k % len(COLOURS)], "marker": MARKERS[k % len(MARKERS)]}
     axes.errorbar(xs, mean, yerr=reach, markersize=4, linewidth=1.4, capsize=2, label=_name(line) + off, **look)
@@ -126,7 +126,7 @@ def _reference(study: Study, figure: FigureSettings, axes: Any, name: MeasureNam
     if reference is None:
         return
     look: dict[str, Any] = {"color": "black", "marker": "x", "linestyle": "none", "zorder": 5}
-    axes.plot(study.settings.axes[reference.axis], reference.values, label=reference.source, **look)
+    axes.plot(study.settings.row_axes[reference.axis], reference.values, label=reference.source, **look)
 
 
 def _yaw_over_time(study: Study, figure: FigureSettings, rows: Sequence[Row], series: Mapping[int, Float]) -> Figure:
@@ -169,12 +169,15 @@ def _label(
 
 def _values(study: Study, axis: str | None) -> list[dict[str, Scalar]]:
     """Return the values of an axis, each as a choice of rows; one free choice without an axis."""
-    return [{}] if axis is None else [{axis: value} for value in study.settings.axes[axis]]
+    return [{}] if axis is None else [{axis: value} for value in study.settings.row_axes[axis]]
 
 
 def _name(line: dict[str, Scalar]) -> str:
     return (
-        ", ".join(text(value) if key == "head.controller" else _said(key, value) for key, value in line.items())
+        ", ".join(
+            text(value) if key in ("head.controller", "case", "estimator") else _said(key, value)
+            for key, value in line.items()
+        )
         or "measured"
     )
 

@@ -19,6 +19,12 @@ MeasureName = Literal[
     "rpe_rot_deg",
     "tracked_fraction",
     "resets",
+    "path_m",
+    "ate_percent_of_path",
+    "nees_position",
+    "nees_orientation",
+    "ms_per_frame",
+    "ms_per_frame_p95",
 ]
 
 
@@ -37,6 +43,11 @@ class Measure:
         return f"{self.label} ({self.unit})" if self.unit else self.label
 
 
+def _ate_percent(metrics: Metrics) -> float | None:
+    ate_m, path_m = metrics.ate_m.posyaw, metrics.path_m
+    return None if ate_m is None or not path_m else 100.0 * ate_m / path_m
+
+
 MEASURES: dict[MeasureName, Measure] = {
     "yaw_rms_deg": Measure("head yaw RMS", "deg", lambda m: m.head.yaw_rms_deg),
     "peak_yaw_rate_deg_s": Measure("peak yaw rate", "deg/s", lambda m: m.head.peak_yaw_rate_deg_s),
@@ -50,4 +61,10 @@ MEASURES: dict[MeasureName, Measure] = {
     "rpe_rot_deg": Measure("RPE over 1 s", "deg", lambda m: m.rpe_1s.rot_deg, estimated=True),
     "tracked_fraction": Measure("tracked frames", "", lambda m: m.tracked_fraction, estimated=True),
     "resets": Measure("resets", "", lambda m: m.resets, estimated=True),
+    "path_m": Measure("path", "m", lambda m: m.path_m),
+    "ate_percent_of_path": Measure("ATE, posyaw", "% of the path", _ate_percent, estimated=True),
+    "nees_position": Measure("NEES of position", "", lambda m: m.nees.position, estimated=True),
+    "nees_orientation": Measure("NEES of orientation", "", lambda m: m.nees.orientation, estimated=True),
+    "ms_per_frame": Measure("time per frame", "ms", lambda m: m.ms_per_frame.mean, estimated=True),
+    "ms_per_frame_p95": Measure("time per frame, 95 %", "ms", lambda m: m.ms_per_frame.p95, estimated=True),
 }

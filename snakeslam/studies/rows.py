@@ -1,16 +1,18 @@
-"""A study's CSV: one row for each run, in the order of the runs, whole after every run."""
+"""A study's CSV: a row for each run and estimator, in the order of the runs, whole after every run."""
 
 import csv
 import os
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 from snakeslam.errors import InputError
+from snakeslam.estimation.settings import Mode
 from snakeslam.studies.measures import MeasureName
 from snakeslam.studies.study import Point, Study
-from snakeslam.studies.study_file import text
+from snakeslam.studies.study_file import ESTIMATOR, Scalar, text
 
 Status = Literal["done", "failed"]
 FIRST, LAST = ("run", "seed"), ("status", "reason", "key")
@@ -18,12 +20,26 @@ FIRST, LAST = ("run", "seed"), ("status", "reason", "key")
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """The outcome of a run; ``values`` are None where unknown, all of them when it failed."""
+    """The outcome of a run; ``values`` are None where unknown, all of them when it failed.
+
+    ``estimator`` is the one whose row it is, where the study has several.
+    """
 
     point: Point
     values: dict[MeasureName, float | None]
     status: Status = "done"
     reason: str = ""
+    estimator: Mode | None = None
+
+    @property
+    def chosen(self) -> dict[str, Scalar]:
+        """The row's values on the axes."""
+        return self.point.chosen if self.estimator is None else {**self.point.chosen, ESTIMATOR: self.estimator}
+
+    @property
+    def words(self) -> str:
+        """The row in words."""
+        return self.point.words if self.estimator is None else f"{self.point.words}, {self.estimator}"
 
     @property
     def known(self) -> dict[MeasureName, float]:
@@ -32,7 +48,7 @@ class Row:
 
     def cells(self) -> list[str]:
         """Return the row as text: run, seed, axes, measures, status, reason, key."""
-        chosen = [text(value) for value in self.point.chosen.values()]
+        chosen = [text(value) for value in self.chosen.values()]
         measured = [_number(self.values.get(name)) for name in self.point.measure]
         return [
             str(self.point.number),
@@ -47,7 +63,7 @@ class Row:
 
 def header(study: Study) -> list[str]:
     """Return the names of the columns."""
-    return [*FIRST, *study.settings.axes, *study.settings.measure, *LAST]
+    return [*FIRST, *study.settings.row_axes, *study.settings.measure, *LAST]
 
 
 def write_rows(path: Path, study: Study, rows: Iterable[Row]) -> None:
@@ -65,7 +81,7 @@ def write_rows(path: Path, study: Study, rows: Iterable[Row]) -> None:
 def read_rows(path: Path, study: Study) -> list[Row]:
     """Return the rows of the study's runs, by what determines them; InputError for a file that is none of its.
 
-    Rows of runs that the study does not have (any more) are left out.
+    Rows of runs that the study does not have (any more) are left out, and runs of which a row is missing.
     """
     points = {point.key: point for point in study.points}
     with path.open(newline="", encoding="utf-8") as file:
@@ -78,7 +94,8 @@ def read_rows(path: Path, study: Study) -> list[Row]:
         point = points.get(named.get("key", ""))
         if point is not None:
             found.append(_row(f"{path}: line {number}", point, named))
-    return found
+    counts = Counter(row.point.number for row in found)
+    return [row for row in found if counts[row.point.number] == max(1, len(study.settings.estimators))]
 
 
 def _row(where: str, point: Point, named: dict[str, str]) -> Row:
@@ -88,7 +105,11 @@ def _row(where: str, point: Point, named: dict[str, str]) -> Row:
         }
     except (KeyError, ValueError) as error:
         raise InputError(where, f"is damaged: {error}", "numbers, or nothing") from error
-    return Row(point, values, "done" if named["status"] == "done" else "failed", named["reason"])
+    status: Status = "done" if named["status"] == "done" else "failed"
+    estimator: Mode | None = next((mode for mode in point.estimators if mode == named.get(ESTIMATOR)), None)
+    if point.estimators and estimator is None:
+        raise InputError(where, f"is damaged: estimator {named.get(ESTIMATOR)}", ", ".join(point.estimators))
+    return Row(point, values, status, named["reason"], estimator)
 
 
 def _number(value: float | None) -> str:

@@ -11,11 +11,12 @@ from pathlib import Path
 from snakeslam.config import Config, Override, load_config, override_config
 from snakeslam.control import Control
 from snakeslam.errors import InputError
+from snakeslam.estimation.settings import Mode
 from snakeslam.gaits.catalogue import resolve
 from snakeslam.robot.model import snake_model
 from snakeslam.studies.measures import MEASURES, MeasureName
 from snakeslam.studies.study_checks import check_study
-from snakeslam.studies.study_file import Scalar, StudySettings, read_study, words
+from snakeslam.studies.study_file import CASE, Scalar, StudySettings, read_study, words
 
 KEY_LENGTH = 12
 
@@ -24,7 +25,8 @@ KEY_LENGTH = 12
 class Point:
     """One run of a study: the values ``chosen`` on the axes, and all that determines its result.
 
-    ``period_s`` is the gait's; the last ``measured_periods`` of the run are measured.
+    ``period_s`` is the gait's; the last ``measured_periods`` of the run are measured. All ``estimators`` are fed by it,
+    the first of them is the configured one.
     """
 
     number: int
@@ -34,6 +36,7 @@ class Point:
     measured_periods: int
     measure: tuple[MeasureName, ...]
     estimator: bool
+    estimators: tuple[Mode, ...] = ()
 
     @property
     def seed(self) -> int:
@@ -48,7 +51,13 @@ class Point:
     @property
     def key(self) -> str:
         """A digest of all that determines the result."""
-        facts = [self.config.model_dump(mode="json"), self.measured_periods, self.measure, self.estimator]
+        facts = [
+            self.config.model_dump(mode="json"),
+            self.measured_periods,
+            self.measure,
+            self.estimator,
+            self.estimators,
+        ]
         return hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:KEY_LENGTH]
 
 
@@ -65,6 +74,11 @@ class Study:
         """Name of the file."""
         return self.path.stem
 
+    @property
+    def row_count(self) -> int:
+        """How many rows there will be."""
+        return len(self.points) * max(1, len(self.settings.estimators))
+
 
 def load_study(path: Path) -> Study:
     """Return the study of the file ``path``; InputError for what is wrong with it or with one of its runs."""
@@ -78,8 +92,8 @@ def load_study(path: Path) -> Study:
 
 
 def _combinations(settings: StudySettings) -> Iterator[dict[str, Scalar]]:
-    for values in itertools.product(*settings.axes.values()):
-        yield dict(zip(settings.axes, values, strict=True))
+    for values in itertools.product(*settings.run_axes.values()):
+        yield dict(zip(settings.run_axes, values, strict=True))
 
 
 def _base(path: Path, settings: StudySettings) -> Config:
@@ -92,22 +106,43 @@ def _point(
     path: Path, settings: StudySettings, base: Config, number: int, seed: int, chosen: dict[str, Scalar]
 ) -> Point:
     """Return one run; InputError where its settings do not go together."""
-    given = [Override(key, value, f"{path}: axes.{key}") for key, value in chosen.items()]
-    config = override_config(base, [*given, Override("run.seed", seed, f"{path}: seeds")])
+    given = [Override("run.seed", seed, f"{path}: seeds")]
+    given += [Override("estimator.mode", mode, f"{path}: estimators") for mode in settings.estimators[:1]]
+    config = override_config(base, [*_chosen_overrides(path, settings, chosen), *given])
     model = snake_model(config.robot)
     try:
         Control(model, config.gait, config.head)
         period_s = 2.0 * math.pi / resolve(config.gait, model).omega
-        duration_s = config.run.rest_s + (settings.start_up_periods + settings.measured_periods) * period_s
+        duration_s = _duration_s(settings, config.run.rest_s, period_s)
         config = override_config(config, [Override("run.duration_s", round(duration_s, 6), "duration")])
     except InputError as error:
         raise InputError(f"{path}: {words(chosen)}", f"{error.where}: {error.problem}", error.allowed) from error
     estimator = needs_estimator(settings, config)
-    return Point(number, chosen, config, period_s, settings.measured_periods, settings.measure, estimator)
+    return Point(
+        number, chosen, config, period_s, settings.measured_periods, settings.measure, estimator, settings.estimators
+    )
+
+
+def _chosen_overrides(path: Path, settings: StudySettings, chosen: dict[str, Scalar]) -> list[Override]:
+    case = chosen.get(CASE)
+    of_case = settings.cases[str(case)] if case is not None else {}
+    overrides = [Override(key, value, f"{path}: cases.{case}.{key}") for key, value in of_case.items()]
+    return overrides + [Override(key, chosen[key], f"{path}: axes.{key}") for key in settings.axes]
+
+
+def _duration_s(settings: StudySettings, rest_s: float, period_s: float) -> float:
+    measured_s = rest_s + settings.measured_periods * period_s
+    if settings.duration_s is None:
+        return measured_s + settings.start_up_periods * period_s
+    if settings.duration_s < measured_s:
+        raise InputError("duration_s", f"{settings.duration_s:g} s", f"{measured_s:g} s or more to measure in")
+    return settings.duration_s
 
 
 def needs_estimator(settings: StudySettings, config: Config) -> bool:
     """Return whether a run has camera and estimator."""
+    if settings.estimators:
+        return True
     if settings.estimator != "auto":
         return settings.estimator == "on"
     return config.head.controller == "predictive" or any(MEASURES[name].estimated for name in settings.measure)

@@ -1,6 +1,6 @@
 """What a study file must have right in itself, apart from the settings that it names."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from snakeslam.errors import InputError
@@ -9,14 +9,17 @@ from snakeslam.studies.study_file import FigureSettings, Scalar, StudySettings, 
 
 NOT_AN_AXIS = {
     "run.seed": "seeds: gives the seeds",
-    "run.duration_s": "start_up_periods: and measured_periods: give the duration",
+    "run.duration_s": "duration_s:, or start_up_periods: and measured_periods:, give the duration",
 }
 
 
 def check_study(path: Path, settings: StudySettings) -> None:
     """Raise InputError, one line with file and key, for axes, measures, reference and figures that do not fit."""
     _check_axes(path, settings)
+    _check_cases(path, settings)
     _check_estimator(path, settings)
+    _check_estimators(path, settings)
+    _check_table(path, settings)
     _check_reference(path, settings)
     for k, figure in enumerate(settings.figures):
         where = f"{path}: figures.{k}"
@@ -31,14 +34,54 @@ def _check_estimator(path: Path, settings: StudySettings) -> None:
     needing = next((name for name in settings.measure if MEASURES[name].estimated), None)
     if needing is not None:
         raise InputError(f"{path}: measure", f"{needing} needs the estimator", "estimator: auto, on")
-    controllers = [settings.settings.get("head.controller"), *settings.axes.get("head.controller", [])]
+    cases = [case.get("head.controller") for case in settings.cases.values()]
+    controllers = [settings.settings.get("head.controller"), *settings.axes.get("head.controller", []), *cases]
     if "predictive" in controllers:
         raise InputError(f"{path}: estimator", "predictive control feeds back the estimate", "auto, on")
 
 
+def _check_estimators(path: Path, settings: StudySettings) -> None:
+    """Refuse estimators that cannot be, and another place that names one."""
+    if not settings.estimators:
+        return
+    _check_list(f"{path}: estimators", settings.estimators)
+    if settings.estimator == "off":
+        raise InputError(f"{path}: estimators", "estimator: is off", "estimator: auto, on")
+    for where, keys in _named_settings(settings):
+        if "estimator.mode" in keys:
+            raise InputError(f"{path}: {where}.estimator.mode", "is set by the study itself", "estimators: names them")
+
+
+def _check_table(path: Path, settings: StudySettings) -> None:
+    if settings.duration_s is not None and "start_up_periods" in settings.model_fields_set:
+        raise InputError(f"{path}: duration_s", "is given beside start_up_periods:", "one of the two")
+    for axis in settings.pooled:
+        _check_axis(f"{path}: pooled", axis, settings)
+    if settings.pooled:
+        _check_list(f"{path}: pooled", settings.pooled)
+
+
+def _check_cases(path: Path, settings: StudySettings) -> None:
+    """Refuse settings of a case that stand elsewhere as well."""
+    for name, case in settings.cases.items():
+        for key in case:
+            other = "axes" if key in settings.axes else "settings" if key in settings.settings else None
+            if other is not None:
+                raise InputError(f"{path}: cases.{name}.{key}", f"is among the {other}: too", "one of the two")
+
+
+def _named_settings(settings: StudySettings) -> Iterator[tuple[str, Iterable[str]]]:
+    """Yield each place of the file where settings are given, with their keys."""
+    yield "axes", settings.axes
+    yield "settings", settings.settings
+    yield from ((f"cases.{name}", case) for name, case in settings.cases.items())
+
+
 def _check_axes(path: Path, settings: StudySettings) -> None:
     """Refuse axes without values, with a value twice, and what the study itself sets."""
-    for group, keys in (("axes", settings.axes), ("settings", settings.settings)):
+    if not settings.run_axes:
+        raise InputError(f"{path}: axes", "{} is not possible", "not empty")
+    for group, keys in _named_settings(settings):
         for key in keys:
             if key in NOT_AN_AXIS:
                 raise InputError(f"{path}: {group}.{key}", "is set by the study itself", NOT_AN_AXIS[key])
@@ -65,7 +108,7 @@ def _check_reference(path: Path, settings: StudySettings) -> None:
     where = f"{path}: reference"
     _check_axis(f"{where}.axis", reference.axis, settings)
     _check_measure(f"{where}.measure", reference.measure, settings)
-    wanted = len(settings.axes[reference.axis])
+    wanted = len(settings.row_axes[reference.axis])
     if len(reference.values) != wanted:
         raise InputError(f"{where}.values", f"{len(reference.values)} values", f"{wanted}, one for each of the axis")
 
@@ -78,16 +121,16 @@ def _check_figure(where: str, figure: FigureSettings, settings: StudySettings) -
         _check_axis(f"{where}.{role}", axis, settings)
     for axis, value in figure.where.items():
         _check_axis(f"{where}.where", axis, settings)
-        if value not in settings.axes[axis]:
-            raise InputError(f"{where}.where.{axis}", text(value), ", ".join(map(text, settings.axes[axis])))
+        if value not in settings.row_axes[axis]:
+            raise InputError(f"{where}.where.{axis}", text(value), ", ".join(map(text, settings.row_axes[axis])))
     for name in (*figure.measures, *figure.log):
         _check_measure(f"{where}.measures", name, settings)
     if figure.kind == "curves" and figure.x is None:
-        raise InputError(f"{where}.x", "is missing", ", ".join(settings.axes))
+        raise InputError(f"{where}.x", "is missing", ", ".join(settings.row_axes))
     if figure.kind == "yaw_over_time" and figure.x is not None:
         raise InputError(f"{where}.x", "is the time in this figure", "lines, panels, where")
     named = [*used.values(), *figure.where]
-    for axis, values in settings.axes.items():
+    for axis, values in settings.row_axes.items():
         if named.count(axis) > 1:
             raise InputError(where, f"uses {axis} twice", "each axis once among x, lines, panels, where")
         if axis not in named and len(values) > 1:
@@ -95,8 +138,8 @@ def _check_figure(where: str, figure: FigureSettings, settings: StudySettings) -
 
 
 def _check_axis(where: str, axis: str, settings: StudySettings) -> None:
-    if axis not in settings.axes:
-        raise unknown_name(where, axis, list(settings.axes))
+    if axis not in settings.row_axes:
+        raise unknown_name(where, axis, list(settings.row_axes))
 
 
 def _check_measure(where: str, name: MeasureName, settings: StudySettings) -> None:

@@ -10,12 +10,15 @@ from pydantic_core import ErrorDetails
 
 from snakeslam.config import input_error, read_tree
 from snakeslam.errors import InputError
+from snakeslam.estimation.settings import Mode
 from snakeslam.settings import Settings
 from snakeslam.studies.measures import MeasureName
 
 Scalar = bool | int | float | str | None
 FileName = Annotated[str, Field(pattern=r"^[a-z0-9_]+$")]
 Seed = Annotated[int, Field(ge=0, lt=2**32)]
+CASE, ESTIMATOR = "case", "estimator"
+"""Axes that are no settings: the named cases, and the estimators fed by one and the same run."""
 
 
 class FigureSettings(Settings):
@@ -56,18 +59,40 @@ class StudySettings(Settings):
     """A configuration to start from, beside the study file; None: the defaults."""
     settings: dict[str, Scalar] = Field(default_factory=dict[str, Scalar])
     """Settings of every run."""
-    axes: Annotated[dict[str, list[Scalar]], Field(min_length=1)]
+    axes: dict[str, list[Scalar]] = Field(default_factory=dict[str, list[Scalar]])
     """Settings and the values each takes."""
+    cases: dict[str, dict[str, Scalar]] = Field(default_factory=dict[str, dict[str, Scalar]])
+    """What is no product: names, and the settings of each; an axis ``case`` before the others."""
     seeds: Annotated[tuple[Seed, ...], Field(min_length=1)] = (1,)
     start_up_periods: Annotated[int, Field(ge=0, le=100)] = 2
     """Gait periods after the start that are left out."""
     measured_periods: Annotated[int, Field(ge=1, le=1000)] = 3
     """Gait periods that are measured then."""
+    duration_s: Annotated[float, Field(gt=0, le=86400)] | None = None
+    """Length of every run; None: the rest and all these periods."""
     estimator: Literal["auto", "on", "off"] = "auto"
     """Camera and estimator; auto: in the runs that need them (predictive control, or a measure of the estimate)."""
+    estimators: tuple[Mode, ...] = ()
+    """Each run feeds all of them, the first one head control, and gives a row for each; empty: the configured one."""
     measure: Annotated[tuple[MeasureName, ...], Field(min_length=1)]
+    pooled: tuple[str, ...] = ()
+    """Axes over which the table averages as over the seeds."""
+    average: Literal["mean", "median"] = "mean"
+    """What the table shows, beside the range."""
     reference: ReferenceSettings | None = None
     figures: tuple[FigureSettings, ...] = ()
+
+    @property
+    def run_axes(self) -> dict[str, list[Scalar]]:
+        """What distinguishes the runs of one seed."""
+        cases: dict[str, list[Scalar]] = {CASE: list(self.cases)} if self.cases else {}
+        return cases | self.axes
+
+    @property
+    def row_axes(self) -> dict[str, list[Scalar]]:
+        """What distinguishes the rows of one seed: that, and the estimator."""
+        estimators: dict[str, list[Scalar]] = {ESTIMATOR: list(self.estimators)} if self.estimators else {}
+        return self.run_axes | estimators
 
 
 GROUPS: dict[str, type[Settings]] = {"figures": FigureSettings, "reference": ReferenceSettings}

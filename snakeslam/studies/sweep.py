@@ -64,10 +64,12 @@ def run_study(
     done = {row.point.number for row in rows}
     with closing(work_through([p for p in study.points if p.number not in done], run, workers)) as results:
         for point, result in results:
-            rows.append(_keep(out, point, result))
+            new = _keep(out, point, result)
+            rows += new
             write_rows(out / RESULTS, study, rows)
-            if report is not None:
-                report(rows[-1])
+            for row in new:
+                if report is not None:
+                    report(row)
     rows.sort(key=lambda row: row.point.number)
     return StudyResult(out, tuple(rows), write_summary(study, out, rows))
 
@@ -110,10 +112,11 @@ def _prepare(study: Study, out: Path, resume: bool) -> list[Row]:
     return rows
 
 
-def _keep(out: Path, point: Point, result: Measured | Failure) -> Row:
-    """Return the row of a result; its series is written beside."""
+def _keep(out: Path, point: Point, result: Measured | Failure) -> list[Row]:
+    """Return the rows of a result; its series is written beside."""
+    first, others = point.estimators[0] if point.estimators else None, point.estimators[1:]
     if isinstance(result, Failure):
-        return Row(point, {}, "failed", result.reason)
+        return [Row(point, {}, "failed", result.reason, estimator) for estimator in (first, *others)]
     np.savetxt(
         _series_path(out, point),
         result.series,
@@ -122,7 +125,7 @@ def _keep(out: Path, point: Point, result: Measured | Failure) -> Row:
         header="t_s,yaw_rad,x_m,y_m",
         comments="",
     )
-    return Row(point, result.values)
+    return [Row(point, result.values, estimator=first), *(Row(point, result.heard[m], estimator=m) for m in others)]
 
 
 def _series_path(out: Path, point: Point) -> Path:

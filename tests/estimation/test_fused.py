@@ -32,6 +32,7 @@ SETTINGS = EstimatorSettings()
 GAIT = GaitSensorSettings()
 FRAME_NS = 50_000_000
 NOTHING = np.zeros(35)
+NO_BIAS = np.zeros((3, 2))
 COVERED_S = (2.5, 4.5)
 DURATION_S = 5.5
 
@@ -50,8 +51,12 @@ def state(rng: np.random.Generator) -> State:
     return at
 
 
+def reckoned(dp_I: Float, v_I: Float, sigma_v: float, by_log_ratio: Float, by_bias: Float = NO_BIAS) -> Reckoned:
+    return Reckoned(0.05, dp_I, v_I, sigma_v**2 * np.eye(3), by_log_ratio, by_bias, by_bias / 0.05)
+
+
 def way(dp_I: Float, v_I: Float, sigma_v: float = 0.1) -> GaitWay:
-    told = Reckoned(0.05, dp_I, v_I, sigma_v**2 * np.eye(3), np.zeros(3))
+    told = reckoned(dp_I, v_I, sigma_v, np.zeros(3))
     return GaitWay(told, (sigma_v * 0.05) ** 2 * (np.eye(3) + 0.3 * np.ones((3, 3))))
 
 
@@ -130,7 +135,7 @@ def test_a_way_is_the_velocity_summed_in_the_frame_of_its_beginning() -> None:
         assert told.dt_s == pytest.approx(0.5)
         ways.append(told.dp_I)
     assert np.linalg.norm(ways[1]) > 0.03
-    np.testing.assert_allclose(ways[0], ways[1], atol=0.002)
+    np.testing.assert_allclose(ways[0], ways[1], atol=0.004)
 
 
 def test_joints_at_rest_tell_nothing() -> None:
@@ -157,13 +162,28 @@ def test_ratio_and_error_are_learnt(rng: np.random.Generator) -> None:
     wrong = float(np.log(6.0 / 3.0))
     for _ in range(400):
         J = rng.normal(0, 0.005, 3)
-        told = Reckoned(0.05, (slip.log_ratio - np.log(3.0)) * J, np.zeros(3), 1e-4 * np.eye(3), J)
+        told = reckoned((slip.log_ratio - np.log(3.0)) * J, np.zeros(3), 0.01, J)
         slip.learn(told, wrong * J + rng.normal(0, 3.0 * 0.01 * 0.05, 3), 1e-10 * np.eye(3))
     assert slip.ratio == pytest.approx(6.0, rel=0.15)
     assert slip.scale == pytest.approx(3.0, rel=0.3)
     held = SlipModel(GaitSensorSettings(ratio_sigma=0.0))
-    held.learn(Reckoned(0.05, np.zeros(3), np.zeros(3), 1e-4 * np.eye(3), np.ones(3)), np.full(3, 0.01), np.eye(3))
+    held.learn(reckoned(np.zeros(3), np.zeros(3), 0.01, np.ones(3)), np.full(3, 0.01), np.eye(3))
     assert held.ratio == pytest.approx(3.0)
+
+
+def test_a_bias_of_the_velocity_is_learnt_and_taken_off(rng: np.random.Generator) -> None:
+    """10 mm/s less ahead and 5 mm/s more to the left than reckoned, while the head turns; held where its sigma is 0."""
+    wrong = np.array([-0.01, 0.005])
+    for sigma in (0.01, 0.0):
+        slip = SlipModel(GaitSensorSettings(bias_sigma_m_s=sigma))
+        for k in range(400):
+            heading = so3.from_yaw(0.02 * k)[:, :2]
+            raw = reckoned(rng.normal(0, 0.01, 3), rng.normal(0, 0.1, 3), 0.01, np.zeros(3), 0.05 * heading)
+            told = slip.corrected(raw)
+            np.testing.assert_allclose(told.v_I - raw.v_I, heading @ slip.bias_m_s, atol=1e-12)
+            moved_I = raw.dp_I + 0.05 * heading @ wrong + rng.normal(0, 0.01 * 0.05, 3)
+            slip.learn(told, moved_I, 1e-10 * np.eye(3))
+        np.testing.assert_allclose(slip.bias_m_s, wrong if sigma else 0.0, atol=0.002)
 
 
 # -- A simulated crawl ------------------------------------------------------------------------------------------------
@@ -215,6 +235,11 @@ def crawl(name: GaitName) -> Crawl:
 @pytest.fixture(scope="module")
 def serpentine() -> Crawl:
     return crawl("serpentine")
+
+
+@pytest.fixture(scope="module")
+def rolling() -> Crawl:
+    return crawl("arc_rolling")
 
 
 class Covered(SimulatedFrontend):
@@ -283,6 +308,19 @@ def test_without_a_camera_the_gait_holds_it(serpentine: Crawl, freeze: bool) -> 
     assert not any("reset" in e.events for e in with_gait)
     nees = [float(e @ np.linalg.solve(P, e)) for t, e, P in errors(serpentine, with_gait) if t > 0.5]
     assert np.mean(nees) < 6.0
+
+
+def test_a_body_that_rolls_is_not_carried_up(rolling: Crawl, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Contacts that come and go lift the balance of friction by 8 mm a second; the height over the ground holds it."""
+
+    def risen_m() -> float:
+        at = {round(t_s, 3): e for t_s, e, _ in errors(rolling, follow(rolling, True))}
+        return float(abs(at[COVERED_S[1] - 0.05] - at[COVERED_S[0] - 0.05])[2])
+
+    held_m = risen_m()
+    assert held_m < 0.01
+    monkeypatch.setattr("snakeslam.estimation.gait_odometry.HEIGHT_TIME_S", 1e9)
+    assert held_m < 0.6 * risen_m()
 
 
 def test_with_a_camera_it_does_no_harm(serpentine: Crawl) -> None:

@@ -105,3 +105,12 @@ def test_camera_rows(rng: np.random.Generator) -> None:
     Hx, Hf = jacobians(f[None], Poses(R[None], p[None]), observed, rows)
     assert np.hstack([Hx[0, 0], Hf[0, 0]]) == pytest.approx(numeric.jacobian(rest, 9), rel=1e-5, abs=1e-4)
     assert np.linalg.norm(Hx[0, 0, 2]) > 0.0
+
+
+def test_a_smeared_feature_weighs_less() -> None:
+    """sigma^2 = pixel^2 + (blur_share * smear)^2 for u and v of the poses that are smeared; depth keeps its own."""
+    rows = CameraRows(np.eye(3), np.zeros(3), 1 / 400, NoiseSettings(blur_share=0.25))
+    weight = rows.weights(np.full((1, 2, 3), 1.0), np.array([0.0, 0.03]))[0]
+    assert weight[0, :2] == pytest.approx(400.0)
+    assert weight[1, :2] == pytest.approx(1 / np.hypot(1 / 400, 0.25 * 0.03))
+    assert weight[0, 2] == weight[1, 2] > 0.0

@@ -4,6 +4,7 @@ import csv
 import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from snakeslam.calibration import CameraCalibration, ImuCalibration, SensorRig
 from snakeslam.cli import main
 from snakeslam.config import load_config
 from snakeslam.errors import InputError
+from snakeslam.estimation.settings import Mode
 from snakeslam.geometry import se3, so3
 from snakeslam.messages import CameraFrame, GroundTruth, ImuSample, JointState, Packet
 from snakeslam.recording.datasets import find_recordings
@@ -144,6 +146,25 @@ def test_the_live_view_plays_it_with_its_robot_which_nothing_moves(tmp_path: Pat
     assert not tick.moving
     assert tick.q_target_rad is None
     assert tick.q_measured_rad is not None
+
+
+@pytest.mark.parametrize("mode", get_args(Mode))
+def test_the_live_view_takes_every_mode_where_its_sensors_are(tmp_path: Path, mode: Mode) -> None:
+    """A robot's own recording bears them all; a camera alone only one, and says what else is missing."""
+    reports: list[Report] = []
+    folder = write(tmp_path / "sensors", packets())
+    session = Session(SessionSpec(load_config(), recording=folder, estimator_mode=mode), reports.append)
+    assert isinstance(reports[0], Started)
+    assert reports[0].estimator_mode == mode
+    while session.step() is not None:
+        pass
+    spec = SessionSpec(load_config(), recording=write_tum(tmp_path / "camera"), estimator_mode=mode)
+    if mode == "visual":
+        Session(spec, reports.append)
+        return
+    missing = "a robot's joints" if mode in ("gait", "fused") else "an IMU"
+    with pytest.raises(InputError, match=rf"^estimator\.mode: '{mode}' needs {missing}, .* \(allowed: visual"):
+        Session(spec, reports.append)
 
 
 def test_other_tools_find_the_benchmarks_form(tmp_path: Path) -> None:

@@ -154,6 +154,36 @@ MISTAKES: list[tuple[Changes, str]] = [
         "tiny.yaml: figures.0.where.gait.alpha_pi: 0.3 (allowed: 0.05, 0.1)",
     ),
     (
+        set_in("cases", to={"slow": {"gait.alpha_pi": 0.2}}),
+        "tiny.yaml: cases.slow.gait.alpha_pi: is among the axes: too (allowed: one of the two)",
+    ),
+    (
+        set_in("cases", to={"slow": {"run.seed": 2}}),
+        "tiny.yaml: cases.slow.run.seed: is set by the study itself",
+    ),
+    (set_in("cases", to={"slow": {"gait.nme": "pedal"}}), "tiny.yaml: cases.slow.gait.nme: unknown key gait.nme, did"),
+    (set_in("cases", to=["slow"]), "tiny.yaml: cases: ['slow'] is not possible (allowed: keys with values)"),
+    (set_in("estimators", to=["vio", "vio"]), "tiny.yaml: estimators: vio is given twice (allowed: each value once)"),
+    (set_in("estimators", to=["orb"]), "tiny.yaml: estimators.0: 'orb' is not possible (allowed: visual, vio, planar"),
+    (
+        lambda tree: tree.update(estimators=["vio"]) or tree["settings"].update({"estimator.mode": "vio"}),
+        "tiny.yaml: settings.estimator.mode: is set by the study itself (allowed: estimators: names them)",
+    ),
+    (
+        lambda tree: tree.update(estimators=["vio"], estimator="off"),
+        "tiny.yaml: estimators: estimator: is off (allowed: estimator: auto, on)",
+    ),
+    (
+        set_in("duration_s", to=20.0),
+        "tiny.yaml: duration_s: is given beside start_up_periods: (allowed: one of the two)",
+    ),
+    (
+        lambda tree: tree.update(duration_s=0.5, start=tree.pop("start_up_periods")) or tree.pop("start"),
+        "tiny.yaml: gait.alpha_pi=0.05, head.controller=none: duration_s: 0.5 s (allowed: 1 s or more to measure in)",
+    ),
+    (set_in("pooled", to=["sim.wolrd"]), "tiny.yaml: pooled: unknown: sim.wolrd (allowed: gait.alpha_pi, head.contro"),
+    (set_in("average", to="mode"), "tiny.yaml: average: 'mode' is not possible (allowed: mean, median)"),
+    (
         set_in("reference", to={"source": "a", "measure": "sway_pp_m", "axis": "gait.alpha_pi", "values": [1.0]}),
         "tiny.yaml: reference.values: 1 values (allowed: 2, one for each of the axis)",
     ),
@@ -347,7 +377,7 @@ def test_the_mean_of_equal_seeds_is_within_their_range(tmp_path: Path) -> None:
     found = spread([_row(study, k, 0.1) for k in range(3)], "sway_pp_m")
     assert found is not None
     assert np.mean([0.1] * 3) > 0.1
-    assert found.lowest == found.mean == found.highest == 0.1
+    assert found.lowest == found.average == found.highest == 0.1
 
 
 def test_the_table_tells_the_range_where_seeds_differ(tmp_path: Path) -> None:

@@ -188,7 +188,7 @@ def test_the_emergency_stop_latches(dashboard: Dashboard, client: httpx.Client, 
 
 @pytest.mark.usefixtures("crawling")
 def test_a_run_beside_the_live_view_equals_the_command_line(page: Page, client: httpx.Client, tmp_path: Path) -> None:
-    request = {"config": "sim", "overrides": OVERRIDES, "seed": 7, "duration_s": 3.0}
+    request = {"config": "sim", "overrides": OVERRIDES, "seed": 7, "duration_s": 1.5}
     answer = client.post("/api/v1/runs", json=request)
     assert answer.status_code == 202
     run = answer.json()["id"]

@@ -1,7 +1,9 @@
 """The line in the world that the head is held on, and the head's errors to it now, from estimates of the past.
 
 The yaw is the newest estimate's, carried on by the gyroscope; the sideways position is carried on by its velocity.
-What an estimate says at once that the gyroscope did not see (a start, a reset) moves the line with it, not the head.
+What an estimate says at once that gyroscope and velocity did not foretell is an estimate set right, not a motion. A small
+correction of the place comes in over ``CORRECTION_S``, so that it does not jerk the head; a large one, of place or yaw (a
+start, a reset), moves the line with it.
 """
 
 from collections import deque
@@ -17,6 +19,7 @@ MEMORY_NS = 1_000_000_000
 """An estimate is carried on for so long at most."""
 JUMP_RAD = float(np.deg2rad(5.0))
 JUMP_M = 0.08
+CORRECTION_S = 0.25
 TURN_RATE_RAD_S = float(np.deg2rad(8.0))
 """How fast the line turns to a new heading."""
 
@@ -37,6 +40,7 @@ class HeadLine:
         self._rate_rad_s = 0.0
         self._pose: PoseEstimate | None = None
         self._pose_yaw_rad = 0.0
+        self._withheld_W: Float = np.zeros(2)
         self._t_ns = 0
         self._running = False
         self._heading_rad = 0.0
@@ -61,6 +65,7 @@ class HeadLine:
         """Go on to ``t_ns`` with what is known there."""
         dt_s = (t_ns - self._t_ns) * NS if self._running else 0.0
         self._t_ns, self._running = t_ns, True
+        self._withheld_W = float(np.exp(-dt_s / CORRECTION_S)) * self._withheld_W
         if imu is not None:
             self._take_gyro(t_ns, imu)
         if pose is not None and (self._pose is None or pose.t_ns > self._pose.t_ns):
@@ -85,7 +90,7 @@ class HeadLine:
         if self._pose is None:
             return np.zeros(2)
         ahead_s = min(self._t_ns - self._pose.t_ns, MEMORY_NS) * NS
-        return self._pose.T_WI[:2, 3] + self._pose.v_W[:2] * ahead_s
+        return self._pose.T_WI[:2, 3] + self._pose.v_W[:2] * ahead_s - self._withheld_W
 
     def _take_gyro(self, t_ns: int, imu: ImuSample) -> None:
         """Integrate the rate about the vertical."""
@@ -116,6 +121,8 @@ class HeadLine:
             jump_W -= self._pose.T_WI[:2, 3] + self._pose.v_W[:2] * ((pose.t_ns - self._pose.t_ns) * NS)
         if self._pose is None or abs(jump_rad) > JUMP_RAD or float(np.linalg.norm(jump_W)) > JUMP_M:
             self._carry_along(pose, jump_rad, jump_W)
+        else:
+            self._withheld_W = self._withheld_W + jump_W
         self._pose, self._pose_yaw_rad = pose, yaw
 
     def _carry_along(self, pose: PoseEstimate, jump_rad: float, jump_W: Float) -> None:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from snakeslam.head.line import JUMP_M, JUMP_RAD, TURN_RATE_RAD_S, HeadLine
+from snakeslam.head.line import CORRECTION_S, JUMP_M, JUMP_RAD, TURN_RATE_RAD_S, HeadLine
 from tests.head.plane import gyro, pose_estimate
 
 STEP_NS = 10_000_000
@@ -87,7 +87,7 @@ def test_a_jump_of_the_estimate_moves_the_line_not_the_errors(jump_rad, jump_W):
     assert np.sin(turned - jump_rad) == pytest.approx(0.0, abs=1e-6)
 
 
-def test_a_small_correction_is_an_error_to_be_steered_out():
+def test_a_small_correction_is_an_error_to_be_steered_out_without_a_jerk():
     steady, corrected = (follow(HeadLine(), 0, 100) for _ in range(2))
     yaw, aside = 0.5 * JUMP_RAD, np.array([0.0, 0.5 * JUMP_M])
     for line in (steady, corrected):
@@ -103,7 +103,12 @@ def test_a_small_correction_is_an_error_to_be_steered_out():
     follow(steady, 112, 113)
     assert line.heading_rad == steady.heading_rad
     assert line.errors.yaw_rad - steady.errors.yaw_rad == pytest.approx(yaw, abs=1e-4)
-    assert line.errors.lateral_m - steady.errors.lateral_m == pytest.approx(aside[1], abs=1e-4)
+    assert line.errors.lateral_m == pytest.approx(steady.errors.lateral_m, abs=1e-4)
+    for k in range(113, 138):
+        line.update(k * STEP_NS, None, gyro(k * STEP_NS, rate_at(k * 0.01)))
+    follow(steady, 113, 138)
+    come_in = aside[1] * (1.0 - np.exp(-0.26 / CORRECTION_S))
+    assert line.errors.lateral_m - steady.errors.lateral_m == pytest.approx(come_in, rel=0.05)
 
 
 def still(line, start, stop, pose=None):

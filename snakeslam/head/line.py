@@ -2,8 +2,8 @@
 
 The yaw is the newest estimate's, carried on by the gyroscope; the sideways position is carried on by its velocity.
 What an estimate says at once that gyroscope and velocity did not foretell is an estimate set right, not a motion. A
-small correction of the place comes in over ``CORRECTION_S``, so that it does not jerk the head; a large one, of place or
-yaw (a start, a reset), moves the line with it.
+small correction of the place comes in over ``CORRECTION_S``, so that it does not jerk the head; a large one, of place
+or yaw (a start, a reset), moves the line with it.
 """
 
 from collections import deque

@@ -23,7 +23,7 @@ from server.live import Live
 from server.metrics import Metrics
 from server.observe import Observe
 from server.recordings import Library
-from server.routes import control, estop, gait, head, map, recordings, runs, session, state  # noqa: A004
+from server.routes import PREFIX, control, estop, gait, head, map, recordings, runs, session, state  # noqa: A004
 from server.runs import Runs
 from server.telemetry import Telemetry
 from server.teleop import Teleop
@@ -31,7 +31,6 @@ from server.viewer import Viewer
 from server.viewer_proxy import ViewerProxy
 from snakeslam.runtime.session import SessionSpec
 
-PREFIX = "/api/v1"
 PAGE = Path(__file__).resolve().parents[1] / "web" / "dist"
 NO_PAGE = (
     "<!doctype html><title>snakeslam</title><p>The page is not built: run <code>make setup</code>. The API is at "

@@ -7,6 +7,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from server.guard import SAFE_METHODS
 from server.metrics import Metrics
+from server.routes import PREFIX
 
 _log = structlog.get_logger("http")
 
@@ -36,7 +37,7 @@ class Observe:
             self._note(scope, status, monotonic() - started)
 
     def _note(self, scope: Scope, status: int, seconds: float) -> None:
-        path = getattr(scope.get("route"), "path", "other")
+        path = _template(scope)
         self._metrics.requests.labels(scope["method"], path, str(status)).inc()
         self._metrics.request_s.labels(scope["method"], path).observe(seconds)
         if scope["method"] in SAFE_METHODS and status < 400:
@@ -45,3 +46,10 @@ class Observe:
         who = "stranger" if caller is None else f"{caller.role} {caller.identity}"
         told = {"method": scope["method"], "path": scope["path"], "status": status, "ms": round(seconds * 1e3, 1)}
         (_log.info if status < 500 else _log.error)("request", who=who, **told)
+
+
+def _template(scope: Scope) -> str:
+    """Return the route's path with its parameters' names; an included router's routes leave out the API's prefix."""
+    path = getattr(scope.get("route"), "path", "other")
+    inside = scope["path"].startswith(PREFIX) and path.startswith("/") and not path.startswith(PREFIX)
+    return f"{PREFIX}{path}" if inside else path

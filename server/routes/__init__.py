@@ -1,1 +1,3 @@
 """The HTTP API, one module for each noun."""
+
+PREFIX = "/api/v1"

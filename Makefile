@@ -20,7 +20,7 @@ export OPENBLAS_NUM_THREADS ?= 1
 export OMP_NUM_THREADS ?= 1
 
 # Where PYTEST_ARGS chooses tests of the other kind only.
-NONE_IS_FINE := || [ $$$$? -eq 5 ]
+NONE_IS_FINE := || [ $$? -eq 5 ]
 
 WEB_SOURCES := $(shell find web -path web/node_modules -prune -o -path web/dist -prune -o -type f -print 2>/dev/null)
 

@@ -209,7 +209,7 @@ def test_viser_has_no_port_and_no_share_handlers(behind: Behind, tmp_path: Path)
 def test_visers_own_close_code_is_handed_on(behind: Behind) -> None:
     with behind.connect() as socket:
         socket.recv(timeout=5)
-        for connection in behind.server._websock_server._live_connections.values():
+        for connection in list(behind.server._websock_server._live_connections.values()):
             loop = behind.server.get_event_loop()
             asyncio.run_coroutine_threadsafe(connection.close(4321, "enough"), loop)
         assert close_of(socket) == (4321, "enough")

@@ -5,17 +5,19 @@ head's planar twist J dq for any joint rates, and the neck's rates are those tha
 
     dq_n = r + (W J_n)^T (W J_n J_n^T W + lambda I)^-1 W [ v - J_b dq_b - J_n r ],    r = dq_c + 2 (q_c - q_n),
 
-with q_c the closed form of Eq. (20), v = (v_mean, -8 e_y, -8 psi) from the head's yaw error psi and its lateral error
-e_y to the line, W = diag(w_x, 3, 1). The line is where the robot is to go: turning it steers.
+with q_c the closed form of Eq. (20), v = (v_mean, -8 e_y + s, -8 psi) from the head's yaw error psi and its sideways
+error e_y to the line, s what the gait's rhythm taught (``rhythm.py``), W = diag(w_x, 3, 1). The line is where the robot
+is to go: turning it steers.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from snakeslam.geometry import se3, so3
 from snakeslam.head.line import LineErrors
 from snakeslam.head.neck import Neck
+from snakeslam.head.rhythm import GaitRhythm
 from snakeslam.messages import Float
 from snakeslam.robot.friction import resistive_map
 from snakeslam.robot.model import SnakeModel
@@ -46,6 +48,7 @@ class PredictiveNeck:
     friction_ratio: float
     q_neck_rad: Float
     v_mean_m_s: float = 0.0
+    sway: GaitRhythm = field(default_factory=GaitRhythm)
 
     def step(
         self, q_rad: Float, dq_rad_s: Float, errors: LineErrors, pace: float, period_s: float, dt_s: float
@@ -65,6 +68,7 @@ class PredictiveNeck:
         eager = abs(pace)
         rate = dq_rad_s[chosen] + RETURN_RAD_S * eager * (q_rad[chosen] - self.q_neck_rad)
         free = J[:, body] @ dq_rad_s[body] + J[:, chosen] @ rate
+        self.sway.learn(errors.lateral_m, LATERAL_GAIN_RAD_S, pace, period_s, dt_s)
         wanted = self._wanted(errors, eager)
         gap = WEIGHTS * (wanted - free)
         WJ = WEIGHTS[:, None] * J[:, chosen]
@@ -75,7 +79,8 @@ class PredictiveNeck:
         return self.q_neck_rad
 
     def _wanted(self, errors: LineErrors, eager: float) -> Float:
-        sideways = np.clip(-LATERAL_GAIN_RAD_S * errors.lateral_m, -LATERAL_MOST_M_S, LATERAL_MOST_M_S)
+        sideways = -LATERAL_GAIN_RAD_S * errors.lateral_m + self.sway.correction_m_s
+        sideways = np.clip(sideways, -LATERAL_MOST_M_S, LATERAL_MOST_M_S)
         turn = np.clip(-YAW_GAIN_RAD_S * errors.yaw_rad, -YAW_MOST_RAD_S, YAW_MOST_RAD_S)
         return eager * np.array([self.v_mean_m_s, sideways, turn])
 

@@ -58,6 +58,7 @@ class GaitAid:
         way = self._odometer.reckon(self._joints, start_ns, t_ns, turn, R_WI, self.slip.ratio)
         self._joints.forget_before(start_ns)
         if way is not None:
+            self.slip.see(way)
             self._way = GaitWay(self.slip.corrected(way), self.slip.cov(way))
         return self._way
 

@@ -1,5 +1,8 @@
 """The slow states of the gait's model, learnt while the camera sees: friction's ratio, the velocity's bias, its scale.
 
+The bias is steady or turns with the gait: what the model does not know of how the weight is shared out comes back in
+each of its periods.
+
 They stand outside the filter: the camera knows the way so much better than the gait that what the two tell of each
 other beyond it is nothing.
 """
@@ -10,6 +13,7 @@ import numpy as np
 
 from snakeslam.estimation.gait_odometry import Reckoned
 from snakeslam.estimation.gait_settings import GaitSensorSettings
+from snakeslam.estimation.gait_wave import GaitWave
 from snakeslam.messages import Float
 
 CHI2_3_999 = 16.27
@@ -18,24 +22,33 @@ RATIO_WALK_PER_S = 0.001
 """Growth of the variance of log(ratio), 1/s: another ground comes slowly."""
 BIAS_TIME_S = 30.0
 """Another gait brings another bias: its variance grows back in about so long."""
+WAVE_TIME_S = 300.0
+"""Another gait has another wave, learnt anew: within a gait it hardly changes."""
 SCALE_TIME_S = 3.0
 MAX_STEP = 10.0
-LEAST_SCALE, MOST_SCALE = 1.0, 20.0
+LEAST_SCALE, MOST_SCALE = 0.2, 20.0
 """Less is not believed: the filter's own covariance, too, is in what it is learnt from."""
 MAX_RATIO = 20.0
+SLOW = 7
+BIAS, WAVE = slice(1, 3), slice(3, 7)
 
 
 class SlipModel:
-    """(log(ratio), bias) as a random walk, and the scale of the velocity's error in sigmas of the reckoning.
+    """(log(ratio), bias, wave) as a random walk, and the scale of the velocity's error in sigmas of the reckoning.
 
-    The bias (2,) m/s is ahead and to the left along the ground: what rolling loses of its speed no ratio explains.
+    The bias (2,) m/s is ahead and to the left along the ground: what rolling loses of its speed no ratio explains. The
+    wave (2, 2) m/s is a bias that turns with the gait, its parts along the cosine and the sine of ``GaitWave``.
     """
 
     def __init__(self, settings: GaitSensorSettings) -> None:
         self._settings = settings
-        self._slow = np.array([np.log(settings.friction_ratio), 0.0, 0.0])
-        self._prior = np.array([settings.ratio_sigma, settings.bias_sigma_m_s, settings.bias_sigma_m_s]) ** 2
+        self._slow = np.zeros(SLOW)
+        self._slow[0] = np.log(settings.friction_ratio)
+        bias, wave = settings.bias_sigma_m_s, settings.wave_sigma_m_s
+        self._prior = np.array([settings.ratio_sigma, bias, bias, wave, wave, wave, wave]) ** 2
         self._cov = np.diag(self._prior)
+        self._wave = GaitWave()
+        self._phasor = np.zeros(2)
         self.scale = settings.slip_scale
 
     @property
@@ -51,23 +64,44 @@ class SlipModel:
     @property
     def bias_m_s(self) -> Float:
         """What is missing of the reckoned velocity ahead and to the left, (2,)."""
-        return self._slow[1:].copy()
+        return self._slow[BIAS].copy()
+
+    @property
+    def wave_m_s(self) -> Float:
+        """What turns with the gait, (2, 2): ahead and to the left by cosine and sine."""
+        return self._slow[WAVE].reshape(2, 2).copy()
+
+    def see(self, way: Reckoned) -> None:
+        """Take the way of the next frame: where in its period the gait is."""
+        self._phasor, anew = self._wave.see(way.dq_rad_s, np.cross(*way.heading_I.T))
+        if anew:
+            self._slow[WAVE] = 0.0
+            self._cov[WAVE, :] = self._cov[:, WAVE] = 0.0
+            self._cov[WAVE, WAVE] = np.diag(self._prior[WAVE])
 
     def corrected(self, way: Reckoned) -> Reckoned:
         """Return a way reckoned with the ratio with the bias added."""
-        bias = self._slow[1:]
+        bias = self._slow[BIAS] + self.wave_m_s @ self._phasor
         return replace(way, dp_I=way.dp_I + way.dp_D_bias @ bias, v_I=way.v_I + way.heading_I @ bias)
 
     def cov(self, way: Reckoned) -> Float:
-        """Return the covariance (3, 3) of a way: slip that lasts, and the slow states that are not known."""
-        J = _jacobian(way)
-        return (self._slip(way) + J @ self._cov @ J.T) * self._lasts(way)
+        """Return the covariance (3, 3) of a way: slip and steady states that last, and the wave, which turns."""
+        J = self._jacobian(way)
+        steady, turning = J[:, : WAVE.start], J[:, WAVE]
+        lasting = self._slip(way) + steady @ self._cov[: WAVE.start, : WAVE.start] @ steady.T
+        cov: Float = lasting * self._lasts(way) + turning @ self._cov[WAVE, WAVE] @ turning.T
+        return cov
 
     def _slip(self, way: Reckoned) -> Float:
         return self.scale**2 * way.cov_v * way.dt_s**2
 
     def _lasts(self, way: Reckoned) -> float:
         return max(1.0, 2.0 * self._settings.slip_time_s / way.dt_s)
+
+    def _jacobian(self, way: Reckoned) -> Float:
+        """Return how the way changes with (log(ratio), bias, wave), (3, 7)."""
+        wave = np.kron(way.dp_D_bias, self._phasor[None])
+        return np.column_stack([way.dp_D_log_ratio, way.dp_D_bias, wave])
 
     def learn(self, way: Reckoned, moved_I: Float, cov_moved: Float) -> None:
         """Take what the filter, seeing, says of a corrected way: ``moved_I`` (3,) m with covariance (3, 3).
@@ -82,7 +116,7 @@ class SlipModel:
         self.scale = float(np.clip(scale, LEAST_SCALE, MOST_SCALE))
 
     def _learn_slow(self, way: Reckoned, e: Float, cov_moved: Float) -> None:
-        J = _jacobian(way)
+        J = self._jacobian(way)
         self._let_walk(way.dt_s)
         S = self._slip(way) * self._lasts(way) + cov_moved + J @ self._cov @ J.T
         if float(e @ np.linalg.solve(S, e)) > CHI2_3_999:
@@ -95,11 +129,7 @@ class SlipModel:
 
     def _let_walk(self, dt_s: float) -> None:
         """Let the variances grow, each up to its prior; one whose prior is 0 is held."""
-        growth = np.array([RATIO_WALK_PER_S, *self._prior[1:] / BIAS_TIME_S]) * dt_s
+        growth = np.concatenate([[RATIO_WALK_PER_S], self._prior[BIAS] / BIAS_TIME_S, self._prior[WAVE] / WAVE_TIME_S])
+        growth = growth * dt_s
         room = np.maximum(0.0, self._prior - np.diag(self._cov))
         self._cov = self._cov + np.diag(np.minimum(growth, room))
-
-
-def _jacobian(way: Reckoned) -> Float:
-    """Return how the way changes with (log(ratio), bias), (3, 3)."""
-    return np.column_stack([way.dp_D_log_ratio, way.dp_D_bias])

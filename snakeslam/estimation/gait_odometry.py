@@ -42,6 +42,7 @@ class Reckoned:
 
     ``v_I`` (3,) m/s is the velocity at its end, in the frame there; ``dp_D_log_ratio`` (3,). ``heading_I`` (3, 2): the
     directions ahead and to the left along the ground, there too; ``dp_D_bias`` (3, 2), by a velocity along them.
+    ``dq_rad_s`` (N,) are the joints' mean rates.
     """
 
     dt_s: float
@@ -51,6 +52,7 @@ class Reckoned:
     dp_D_log_ratio: Float
     dp_D_bias: Float
     heading_I: Float
+    dq_rad_s: Float
 
 
 class JointHistory:
@@ -170,7 +172,8 @@ class GaitOdometer:
             by_bias = by_bias + R_middle @ heading_I * dt
             cov = cov + R_middle @ sliding.cov @ R_middle.T * (dt / dt_s.sum())
             R = R_middle @ half
-        return Reckoned(float(dt_s.sum()), dp_I, v_I, cov, by_ratio, by_bias, heading_I)
+        dq_rad_s = np.mean([dq for _, dq in spans], axis=0)
+        return Reckoned(float(dt_s.sum()), dp_I, v_I, cov, by_ratio, by_bias, heading_I, dq_rad_s)
 
     def _at_height(self, sliding: Sliding, dt_s: float) -> Float:
         """Return the velocity, drawn to the height of the ground under the body."""

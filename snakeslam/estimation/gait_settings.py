@@ -18,6 +18,8 @@ class GaitSensorSettings(Settings):
     """Sigma of the logarithm of that ratio; 0 holds it."""
     bias_sigma_m_s: Annotated[float, Field(ge=0)] = 0.01
     """Sigma of a velocity along the ground that the balance of friction misses; 0 leaves it at none."""
+    wave_sigma_m_s: Annotated[float, Field(ge=0)] = 0.05
+    """Sigma of such a velocity that turns with the gait; 0 leaves it at none."""
     rate_hz: Positive = 20.0
     """How often the balance of friction is solved; at least once between two frames."""
     slip_scale: Positive = 1.5

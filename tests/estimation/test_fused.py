@@ -51,8 +51,15 @@ def state(rng: np.random.Generator) -> State:
     return at
 
 
-def reckoned(dp_I: Float, v_I: Float, sigma_v: float, by_log_ratio: Float, by_bias: Float = NO_BIAS) -> Reckoned:
-    return Reckoned(0.05, dp_I, v_I, sigma_v**2 * np.eye(3), by_log_ratio, by_bias, by_bias / 0.05)
+def reckoned(
+    dp_I: Float,
+    v_I: Float,
+    sigma_v: float,
+    by_log_ratio: Float,
+    by_bias: Float = NO_BIAS,
+    dq_rad_s: Float = NOTHING,
+) -> Reckoned:
+    return Reckoned(0.05, dp_I, v_I, sigma_v**2 * np.eye(3), by_log_ratio, by_bias, by_bias / 0.05, dq_rad_s)
 
 
 def way(dp_I: Float, v_I: Float, sigma_v: float = 0.1) -> GaitWay:
@@ -184,6 +191,25 @@ def test_a_bias_of_the_velocity_is_learnt_and_taken_off(rng: np.random.Generator
             moved_I = raw.dp_I + 0.05 * heading @ wrong + rng.normal(0, 0.01 * 0.05, 3)
             slip.learn(told, moved_I, 1e-10 * np.eye(3))
         np.testing.assert_allclose(slip.bias_m_s, wrong if sigma else 0.0, atol=0.002)
+
+
+def test_a_bias_that_turns_with_the_gait_is_learnt_and_taken_off(rng: np.random.Generator) -> None:
+    """30 mm/s to the left, a third of a period behind the joint rates of a crawl; held where its sigma is 0."""
+    ahead = 0.05 * np.eye(3)[:, :2]
+    left: dict[float, list[float]] = {}
+    for sigma in (0.05, 0.0):
+        slip = SlipModel(GaitSensorSettings(wave_sigma_m_s=sigma))
+        for k in range(400):
+            t_s = 0.05 * k
+            wrong = np.array([0.0, 0.03 * np.cos(2.0 * np.pi * (t_s / 4.0 - 1.0 / 3.0))])
+            raw = reckoned(np.zeros(3), np.zeros(3), 0.03, np.zeros(3), ahead, winding(t_s).dq_rad_s)
+            slip.see(raw)
+            told = slip.corrected(raw)
+            moved_I = ahead @ wrong
+            left.setdefault(sigma, []).append(float(np.linalg.norm(told.dp_I - moved_I)) / 0.05)
+            slip.learn(told, moved_I + rng.normal(0, 0.005 * 0.05, 3), 1e-10 * np.eye(3))
+    assert np.max(left[0.0][-80:]) > 0.025
+    assert np.max(left[0.05][-80:]) < 0.005
 
 
 # -- A simulated crawl ------------------------------------------------------------------------------------------------

@@ -89,8 +89,7 @@ class SlipModel:
         J = self._jacobian(way)
         steady, turning = J[:, : WAVE.start], J[:, WAVE]
         lasting = self._slip(way) + steady @ self._cov[: WAVE.start, : WAVE.start] @ steady.T
-        cov: Float = lasting * self._lasts(way) + turning @ self._cov[WAVE, WAVE] @ turning.T
-        return cov
+        return np.asarray(lasting * self._lasts(way) + turning @ self._cov[WAVE, WAVE] @ turning.T, dtype=np.float64)
 
     def _slip(self, way: Reckoned) -> Float:
         return self.scale**2 * way.cov_v * way.dt_s**2
@@ -100,8 +99,10 @@ class SlipModel:
 
     def _jacobian(self, way: Reckoned) -> Float:
         """Return how the way changes with (log(ratio), bias, wave), (3, 7)."""
-        wave = np.kron(way.dp_D_bias, self._phasor[None])
-        return np.column_stack([way.dp_D_log_ratio, way.dp_D_bias, wave])
+        J = np.zeros((3, SLOW))
+        J[:, 0], J[:, BIAS] = way.dp_D_log_ratio, way.dp_D_bias
+        J[:, WAVE] = (way.dp_D_bias[:, :, None] * self._phasor).reshape(3, 4)
+        return J
 
     def learn(self, way: Reckoned, moved_I: Float, cov_moved: Float) -> None:
         """Take what the filter, seeing, says of a corrected way: ``moved_I`` (3,) m with covariance (3, 3).

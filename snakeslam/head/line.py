@@ -106,10 +106,14 @@ class HeadLine:
             self._turned.popleft()
 
     def _turned_at(self, t_ns: int) -> float:
-        if not self._turned:
-            return 0.0
-        times, angles = zip(*self._turned, strict=True)
-        return float(np.interp(t_ns, times, angles))
+        later: tuple[int, float] | None = None
+        for at_ns, turned in reversed(self._turned):
+            if at_ns <= t_ns:
+                if later is None:
+                    return turned
+                return turned + (later[1] - turned) * (t_ns - at_ns) / (later[0] - at_ns)
+            later = at_ns, turned
+        return 0.0 if later is None else later[1]
 
     def _take_pose(self, pose: PoseEstimate) -> None:
         """Take a newer estimate; carry the line along where it jumps."""

@@ -20,6 +20,7 @@ const MODES: Record<string, string> = {
   vio: "visual-inertial",
   planar: "planar filter",
   fused: "visual-inertial + gait",
+  gait: "gait only",
 };
 
 export function mountEstimator(app: App): void {

@@ -11,7 +11,13 @@ type Choices = Record<string, string>;
 
 const WORLDS: Choices = { corridor: "Corridor", office: "Office", rubble: "Rubble", blank: "Blank (little texture)" };
 const ROBOTS: Choices = { sim35: "35 joints (sim35)", orthogonal24: "24 joints (orthogonal24)" };
-const MODES: Choices = { vio: "Visual-inertial", visual: "Visual (camera only)" };
+const MODES: Choices = {
+  fused: "Visual-inertial + gait",
+  vio: "Visual-inertial",
+  planar: "Planar (the paper's)",
+  visual: "Visual (camera only)",
+  gait: "Gait only",
+};
 const KINDS: Choices = { euroc: "EuRoC", tum: "TUM RGB-D", tum_rgbd: "TUM RGB-D" };
 
 export function select(id: string, choices: Choices, first: string | null = null): HTMLSelectElement {

@@ -1,7 +1,7 @@
 """Measure where the time of a simulated run goes, against the budgets; ``make bench`` prints the table.
 
-``python -m bench [SECONDS]`` measures the time, ``python -m bench consistency [SEEDS]`` the NEES, and
-``python -m bench turn`` a commanded turn.
+``python -m bench [SECONDS]`` measures the time, ``python -m bench consistency [SEEDS]`` the NEES, ``python -m bench
+turn`` a commanded turn, ``python -m bench live [SECONDS]`` the nodes beside the server.
 """
 
 import functools
@@ -16,7 +16,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from bench import consistency, turn
+from bench import consistency, live, turn
 from snakeslam.backends.sim.camera import Camera, Renderer
 from snakeslam.backends.sim.physics import SnakePhysics
 from snakeslam.config import load_config
@@ -82,6 +82,9 @@ def run(seconds: float) -> tuple[Recorder, float]:
 def main() -> None:
     if sys.argv[1:2] == ["consistency"]:
         consistency.main()
+        return
+    if sys.argv[1:2] == ["live"]:
+        live.main(*map(float, sys.argv[2:3]))
         return
     if sys.argv[1:2] == ["turn"]:
         turn.main()

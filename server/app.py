@@ -29,7 +29,7 @@ from server.telemetry import Telemetry
 from server.teleop import Teleop
 from server.viewer import Viewer
 from server.viewer_proxy import ViewerProxy
-from snakeslam.runtime.session import SessionSpec
+from snakeslam.runtime.spec import SessionSpec
 
 PAGE = Path(__file__).resolve().parents[1] / "web" / "dist"
 NO_PAGE = (

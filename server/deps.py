@@ -17,7 +17,7 @@ from server.telemetry import Telemetry
 from server.teleop import Teleop
 from server.viewer import Viewer
 from snakeslam.config import Config
-from snakeslam.runtime.session import SessionSpec
+from snakeslam.runtime.spec import SessionSpec
 from snakeslam.runtime.topics import Stop
 
 

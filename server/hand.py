@@ -4,7 +4,9 @@ from collections import deque
 from dataclasses import dataclass
 
 STALE_S = 0.3
-"""Input older than this does not count, and a robot driven by nothing newer stops."""
+"""Input older than this does not count."""
+SILENT_S = 0.4
+"""A robot that is driven by nothing newer is told to stop; by itself it has come to a hold before."""
 OFFSETS_KEPT = 20
 STEPS = 20
 """Drive and turn count in steps of 1/20: a trembling stick is no change."""
@@ -63,7 +65,7 @@ class Hand:
 
     def silent(self, now_s: float) -> bool:
         """Whether it drives the robot but has said nothing for too long."""
-        return self.driving and now_s - self._taken_s > STALE_S
+        return self.driving and now_s - self._taken_s > SILENT_S
 
     def release(self) -> None:
         """Let go."""

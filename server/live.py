@@ -1,22 +1,22 @@
-"""The live session as the server sees it: one child process, its newest reports, and commands to it."""
+"""The live session as the server sees it: its processes, their newest reports, and commands to them."""
 
 import asyncio
 import contextlib
-import threading
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from http import HTTPStatus
-from multiprocessing.connection import Connection
-from multiprocessing.process import BaseProcess
-from typing import Any, Literal
+from typing import Literal
 
 import structlog
 
 from server.problem import Problem
 from snakeslam.config import Config
+from snakeslam.gaits.command import configured_gait
 from snakeslam.head.settings import HeadSettings
 from snakeslam.messages import Float, GaitCommand, MapChunk
-from snakeslam.runtime.session import SessionSpec, configured_gait, start_session
+from snakeslam.runtime.host import host_for
+from snakeslam.runtime.pipe_host import Host
+from snakeslam.runtime.spec import SessionSpec
 from snakeslam.runtime.topics import (
     Command,
     Ended,
@@ -24,7 +24,8 @@ from snakeslam.runtime.topics import (
     Event,
     Report,
     ResetEStop,
-    Shutdown,
+    Restarting,
+    Silence,
     Start,
     Started,
     Tick,
@@ -32,7 +33,7 @@ from snakeslam.runtime.topics import (
 
 NS = 1e-9
 CONFIRM_S = 2.0
-END_S = 2.0
+PULSE_S = 0.1
 MAX_PATH = 20_000
 Phase = Literal["starting", "running", "ended", "failed"]
 _log = structlog.get_logger("live")
@@ -80,7 +81,11 @@ class View:
     def take(self, report: Report) -> None:
         """Keep what a report says."""
         if isinstance(report, Started):
-            self.started, self.phase = report, "running"
+            self._begin(report)
+        elif isinstance(report, Restarting):
+            self.phase, self.message, self.tick = "starting", report.reason, None
+        elif isinstance(report, Silence):
+            self.message = report.reason
         elif isinstance(report, Tick):
             self._take_tick(report)
         elif isinstance(report, MapChunk):
@@ -89,6 +94,13 @@ class View:
                 self.chunks[report.key] = report
         elif isinstance(report, Ended):
             self.phase, self.message = ("ended", None) if report.error is None else ("failed", report.error)
+
+    def _begin(self, started: Started) -> None:
+        """Begin, or begin anew: a robot node that was started again has a time and a world of its own."""
+        self.phase, self.message = "running", None
+        if self.started is not None:
+            self.tick, self.chunks, self.estimate, self.truth = None, {}, Path3(), Path3()
+        self.started = started
 
     def _take_tick(self, tick: Tick) -> None:
         if self.tick is None or tick.t_ns > self.tick.t_ns:
@@ -104,8 +116,8 @@ Listener = Callable[[Report, View], None]
 class Live:
     """Starts, supervises and commands the session; one at a time. All methods belong to the event loop's thread."""
 
-    def __init__(self, config: Config, start: Callable[[SessionSpec], Any] = start_session) -> None:
-        self._start_process = start
+    def __init__(self, config: Config, host: Callable[[SessionSpec], Host] = host_for) -> None:
+        self._host_for = host
         self._listeners: list[Listener] = []
         self._starting = asyncio.Lock()
         self._child: _Child | None = None
@@ -129,16 +141,16 @@ class Live:
             self.view = View(kind, name, spec.config)
             self._tell(Event(0, "info", f"starting {name}"))
             spec = replace(spec, estop_reason=self._estop_reason)
-            self._child = child = _Child(asyncio.get_running_loop(), self._report)
-            await asyncio.to_thread(child.start, self._start_process, spec)
+            self._child = child = _Child(self._host_for(spec), self._report)
+            await child.start()
             if self._estop_reason is not None and spec.estop_reason is None:
-                child.send(EStop(self._estop_reason))  # Latched while the process was being made.
+                child.host.send(EStop(self._estop_reason))  # Latched while the process was being made.
 
     async def stop(self) -> None:
         """End the session that runs, if any."""
         child, self._child = self._child, None
         if child is not None:
-            await asyncio.to_thread(child.stop)
+            await child.stop()
 
     async def command(self, command: Command) -> None:
         """Send a command and wait until the session has obeyed it; Problem when it cannot."""
@@ -151,7 +163,7 @@ class Live:
 
     async def _send(self, child: "_Child", command: Command) -> None:
         try:
-            refusal = await child.obeyed(await asyncio.to_thread(child.send, command))
+            refusal = await child.obeyed(await asyncio.to_thread(child.host.send, command))
         except (OSError, TimeoutError) as error:
             raise Problem(HTTPStatus.SERVICE_UNAVAILABLE, "the session did not answer") from error
         if refusal is not None:
@@ -181,8 +193,10 @@ class Live:
             return
         if self.view.phase == "running":
             await self._send(child, command)
-        elif child.connected:
-            await asyncio.to_thread(child.send, command)
+        else:
+            # Not there yet: it hears of it when it is (the host sees to that, or ``start`` does).
+            with contextlib.suppress(OSError):
+                await asyncio.to_thread(child.host.send, command)
 
     async def move(self) -> None:
         """Set the robot going; Problem while the E-stop is latched or there is no robot."""
@@ -208,7 +222,7 @@ class Live:
     def gait(self) -> GaitCommand:
         """The gait that the session has now; the configured one where there is no robot."""
         tick = self.view.tick
-        return tick.gait if tick is not None and tick.gait is not None else configured_gait(self.view.config)
+        return tick.gait if tick is not None and tick.gait is not None else configured_gait(self.view.config.gait)
 
     def head(self) -> HeadSettings | None:
         """The head settings that the session has now; None where there is no robot."""
@@ -233,38 +247,24 @@ class Live:
 
 
 class _Child:
-    """The process, its pipe, and the thread that reads it."""
+    """A session's host, and the numbers of the commands that were sent to it."""
 
-    def __init__(self, loop: asyncio.AbstractEventLoop, report: "Callable[[_Child, Report], None]") -> None:
-        self._loop, self._report = loop, report
-        self._sending = threading.Lock()
-        self._process: BaseProcess | None = None
-        self._pipe: Connection[Command, Report] | None = None
-        self._reader: threading.Thread | None = None
-        self._sent = 0
+    def __init__(self, host: Host, report: "Callable[[_Child, Report], None]") -> None:
+        self.host, self._report = host, report
+        self._loop = asyncio.get_running_loop()
         self._done = 0
         self._refusals: dict[int, str] = {}
         self._progress = asyncio.Event()
+        self._pulse = asyncio.create_task(self._pulse_on())
 
-    def start(self, start: Callable[[SessionSpec], Any], spec: SessionSpec) -> None:
-        """Start the process and read it; blocks for as long as a process takes to fork."""
-        self._process, self._pipe = start(spec)
-        self._reader = threading.Thread(target=self._read, name="session-reader", daemon=True)
-        self._reader.start()
+    async def start(self) -> None:
+        """Start the session's processes."""
+        await asyncio.to_thread(self.host.start, self._hand_over)
 
-    @property
-    def connected(self) -> bool:
-        """Whether there is a process to talk to."""
-        return self._pipe is not None
-
-    def send(self, command: Command) -> int:
-        """Send; return the number that ``commands_done`` reaches when it is obeyed."""
-        with self._sending:
-            if self._pipe is None:
-                raise BrokenPipeError
-            self._pipe.send(command)
-            self._sent += 1
-            return self._sent
+    async def stop(self) -> None:
+        """End them."""
+        self._pulse.cancel()
+        await asyncio.to_thread(self.host.stop)
 
     async def obeyed(self, number: int) -> str | None:
         """Wait for the session's answer and return why it refused, None when it obeyed; TimeoutError without answer."""
@@ -274,43 +274,11 @@ class _Child:
                 await self._progress.wait()
         return self._refusals.get(number)
 
-    def stop(self) -> None:
-        """Ask the process to end, then insist."""
-        process, pipe = self._process, self._pipe
-        if process is None or pipe is None:
-            return
-        with contextlib.suppress(OSError):
-            self.send(Shutdown())
-        process.join(END_S)
-        if process.is_alive():
-            process.terminate()
-            process.join(END_S)
-        if process.is_alive():
-            process.kill()
-            process.join()
-        if self._reader is not None:
-            self._reader.join(END_S)
-        process.close()
-
-    def _read(self) -> None:
-        """Hand every report to the event loop; a pipe that ends without a last word is a crash."""
-        ended = False
-        assert self._pipe is not None
-        try:
-            while True:
-                report = self._pipe.recv()
-                ended = ended or isinstance(report, Ended)
-                self._hand_over(report)
-        except (EOFError, OSError):
-            self._pipe.close()
-        if not ended:
-            self._hand_over(Ended(f"the session's process ended unexpectedly ({self._how()})"))
-
-    def _how(self) -> str:
-        assert self._process is not None
-        self._process.join(END_S)
-        code = self._process.exitcode
-        return "no exit code" if code is None else f"signal {-code}" if code < 0 else f"exit code {code}"
+    async def _pulse_on(self) -> None:
+        """Tell the robot that this loop, and not just the process, is alive."""
+        while True:
+            self.host.pulse()
+            await asyncio.sleep(PULSE_S)
 
     def _hand_over(self, report: Report) -> None:
         # A closed loop means that the server has ended; nobody listens any more.

@@ -18,7 +18,7 @@ from server.auth import TOKEN_VARIABLE, token_from_environment, viewer_token_fro
 from server.logs import configure_logs
 from snakeslam.config import Config
 from snakeslam.errors import InputError, SnakeslamError
-from snakeslam.runtime.session import SessionSpec
+from snakeslam.runtime.spec import SessionSpec
 
 GRACE_S = 2
 BACKLOG = 128

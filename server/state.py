@@ -58,6 +58,7 @@ def state_json(live: Live, desk: Desk) -> Json:
         "control": control_json(desk),
         "gait": gait_json(live.gait()),
         "notice": None if tick is None else tick.notice,
+        "held_because": None if tick is None else tick.held_because,
         "head_control": head_control_json(live.head()),
         "head": head_json(HeadMotion() if tick is None else tick.head),
         "robot": _robot_json(view),

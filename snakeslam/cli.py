@@ -8,6 +8,7 @@ import signal
 import sys
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
@@ -19,10 +20,11 @@ from snakeslam.threads import use_one_thread
 
 if TYPE_CHECKING:
     from snakeslam.config import Config
+    from snakeslam.runtime.link import Link
     from snakeslam.studies.experiment import RunResult
     from snakeslam.studies.rows import Row
 
-BUILT = "serve, run, replay, study, eq"
+BUILT = "serve, run, replay, study, node, eq"
 INTERRUPTED, TERMINATED = 130, 143
 MOST_WORKERS = 1024
 
@@ -35,6 +37,12 @@ OutOption = Annotated[Path | None, typer.Option("--out", metavar="DIR", help="Ru
 JsonOption = Annotated[bool, typer.Option("--json", help="Print the metrics as one JSON object, the last line.")]
 SeedOption = Annotated[int | None, typer.Option("--seed", metavar="N", help="Seed of everything random.")]
 DurationOption = Annotated[float | None, typer.Option("--duration", metavar="S", help="Seconds of simulated time.")]
+ConnectOption = Annotated[
+    str | None, typer.Option("--connect", metavar="ENDPOINT", help="unixsock-stream/PATH, or tls/HOST:PORT.")
+]
+CaOption = Annotated[Path | None, typer.Option("--ca", metavar="PEM", help="TLS: who signs the certificates.")]
+CertOption = Annotated[Path | None, typer.Option("--cert", metavar="PEM", help="TLS: this side's certificate.")]
+KeyOption = Annotated[Path | None, typer.Option("--key", metavar="PEM", help="TLS: its key.")]
 ProgressOption = Annotated[bool, typer.Option("--progress-json", hidden=True)]
 
 
@@ -62,8 +70,12 @@ def serve(
     recordings: Annotated[
         list[Path] | None, typer.Option("--recordings", metavar="DIR", help="Folder of recordings to offer.")
     ] = None,
+    connect: ConnectOption = None,
+    authority: CaOption = None,
+    certificate: CertOption = None,
+    key: KeyOption = None,
 ) -> None:
-    """Start the dashboard."""
+    """Start the dashboard; with --connect for nodes that run already, else with nodes of its own."""
     from snakeslam.config import load_config
 
     loaded = load_config(config or configs_dir() / "sim.yaml", settings or ())
@@ -73,8 +85,12 @@ def serve(
     if not 0 <= port <= 65535:
         raise InputError("--port", str(port), "0 to 65535")
     from server.main import serve as start
+    from snakeslam.runtime.spec import SessionSpec
 
-    start(loaded, host=host, port=port, recordings=recordings or [])
+    link = None if connect is None else _link(connect, None, authority, certificate, key)
+    autostart = loaded.run.autostart and link is None
+    spec = SessionSpec(loaded, autostart=autostart, link=link)
+    start(loaded, host=host, port=port, recordings=recordings or [], spec=spec)
 
 
 @app.command()
@@ -150,6 +166,64 @@ def eq(number: Annotated[int, typer.Argument(metavar="N", help="Number of the eq
     typer.echo(equation(number).describe())
 
 
+class NodeName(StrEnum):
+    """The nodes that run on their own."""
+
+    ROBOT = "robot"
+    SLAM = "slam"
+    CHECK = "check"
+
+
+@app.command()
+def node(
+    name: Annotated[NodeName, typer.Argument(help="robot, slam; check: whether both are alive.")],
+    config: Annotated[Path | None, typer.Argument(help="Configuration [configs/sim.yaml].")] = None,
+    connect: ConnectOption = None,
+    listen: Annotated[str | None, typer.Option(metavar="ENDPOINT", help="Be where the others connect to.")] = None,
+    settings: SetOption = None,
+    authority: CaOption = None,
+    certificate: CertOption = None,
+    key: KeyOption = None,
+) -> None:
+    """Run one node of the live system, until SIGINT or SIGTERM; of all that meet, one listens."""
+    from snakeslam.config import load_config
+
+    loaded = load_config(config or configs_dir() / "sim.yaml", settings or ())
+    link = _link(connect, listen, authority, certificate, key)
+    from snakeslam.runtime.logs import log_to_stderr
+    from snakeslam.runtime.node import Life, end_at_signals
+    from snakeslam.runtime.robot_node import run_robot
+    from snakeslam.runtime.slam_node import run_slam
+    from snakeslam.runtime.spec import SessionSpec
+
+    if name is NodeName.CHECK:
+        from snakeslam.runtime.health import check
+
+        typer.echo(check(link))
+        return
+    life = Life()
+    end_at_signals(life)
+    log_to_stderr()
+    if name is NodeName.ROBOT:
+        run_robot(SessionSpec(loaded), link, life)
+    else:
+        run_slam(loaded, link, life)
+
+
+def _link(
+    connect: str | None, listen: str | None, authority: Path | None, certificate: Path | None, key: Path | None
+) -> "Link":
+    from snakeslam.runtime.link import Certificates, Link
+
+    endpoint = connect or listen
+    if endpoint is None or (connect is not None and listen is not None):
+        raise InputError("node", "needs one endpoint", "--connect or --listen")
+    certificates = None
+    if authority is not None and certificate is not None and key is not None:
+        certificates = Certificates(authority, certificate, key)
+    return Link(endpoint, listens=listen is not None, certificates=certificates)
+
+
 def _add_later_command(name: str, help_text: str) -> None:
     """Add a command of the contract that a later version brings; it takes any arguments and says so."""
 
@@ -164,7 +238,6 @@ for _name, _help in (
     ("export", "Write a run in another format"),
     ("report", "Figures and an HTML page of a run"),
     ("hw", "The real robot's tools"),
-    ("node", "One node of the live system, on its own"),
 ):
     _add_later_command(_name, _help)
 

@@ -53,6 +53,21 @@ def test_help_names_every_command(cli: Cli) -> None:
             assert f"\n  {command} " in out
 
 
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["node", "robot"], "needs one endpoint"),
+        (["node", "slam", "--connect", "tcp/host:7447"], "would be open to all"),
+        (["node", "slam", "--connect", "elsewhere"], "is no endpoint"),
+        (["node", "slam", "--connect", "tls/robot.local:7447"], "needs certificates"),
+        (["node", "robot", "--listen", "tls/h:1", "--ca", "a", "--cert", "b", "--key", "c"], "no such file"),
+        (["serve", "--connect", "tcp/host:7447"], "would be open to all"),
+    ],
+)
+def test_a_bus_that_cannot_be_is_refused(cli: Cli, arguments: list[str], words: str) -> None:
+    assert_one_line(*cli(*arguments), words)
+
+
 def test_version(cli: Cli) -> None:
     code, out, _ = cli("--version")
     assert (code, out.split()[0]) == (0, "snakeslam")
@@ -64,7 +79,6 @@ def test_version(cli: Cli) -> None:
         ["export", "x", "--format", "tum", "--out", "y"],
         ["report"],
         ["hw", "scan"],
-        ["node", "robot", "--connect", "tcp/host"],
     ],
     ids=lambda arguments: arguments[0],
 )

@@ -1,10 +1,23 @@
-"""From the operator's gait command to the settings that it means."""
+"""Between the operator's gait command and the settings that it means."""
 
 from pydantic import ValidationError
 
 from snakeslam.errors import InputError
 from snakeslam.gaits.catalogue import GaitSettings
 from snakeslam.messages import GaitCommand
+
+
+def configured_gait(configured: GaitSettings) -> GaitCommand:
+    """Return the configured gait at rest."""
+    return GaitCommand(
+        t_ns=0,
+        gait=configured.name,
+        drive=0.0,
+        alpha_pi=configured.alpha_pi,
+        wavelength_joints=configured.wavelength_joints,
+        period_s=configured.period_s,
+        amplitude_deg=configured.amplitude_deg,
+    )
 
 
 def commanded_gait(command: GaitCommand, configured: GaitSettings) -> GaitSettings:

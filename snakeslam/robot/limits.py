@@ -54,6 +54,16 @@ class LimitedFollower:
         self._target_rad = target
         return self._q_rad
 
+    def brake(self, dt_s: float) -> Float:
+        """Take as much rate off each joint as the acceleration allows for ``dt_s``; return the angles reached, (N,)."""
+        limits = self._limits
+        speed = np.maximum(np.abs(self._dq_rad_s) - limits.acceleration_rad_s2 * dt_s, 0.0)
+        self._dq_rad_s = np.sign(self._dq_rad_s) * speed
+        q_rad = self._q_rad + self._dq_rad_s * dt_s
+        self._q_rad = np.clip(q_rad, -limits.position_rad, limits.position_rad)
+        self._target_rad = self._q_rad
+        return self._q_rad
+
     def _rate_up(self, dt_s: float) -> Float:
         return self._stoppable_rate(self._limits.position_rad - self._q_rad, dt_s)
 

@@ -1,6 +1,7 @@
 """Puts a session together from its settings; the same for scripted runs and the live view."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from snakeslam.backends.base import Backend
 from snakeslam.backends.replay.backend import ReplayBackend
@@ -10,7 +11,11 @@ from snakeslam.errors import InputError
 from snakeslam.estimation.settings import Mode
 from snakeslam.robot.model import snake_model
 from snakeslam.runtime.governor import Governor
-from snakeslam.slam import Slam
+
+if TYPE_CHECKING:
+    from snakeslam.backends.sim.backend import CameraPlace, SimBackend
+    from snakeslam.backends.sim.scene import SceneCamera
+    from snakeslam.slam import Slam
 
 
 def build_backend(config: Config, recording: Path | None = None, camera: bool = True) -> Backend:
@@ -20,13 +25,29 @@ def build_backend(config: Config, recording: Path | None = None, camera: bool = 
     """
     if recording is not None:
         return ReplayBackend(recording, config.replay)
+    return build_simulator(config, "here" if camera else "none")
+
+
+def build_simulator(config: Config, camera: "CameraPlace") -> "SimBackend":
+    """Return the simulator, its pictures drawn here, elsewhere or not at all; InputError where it is not installed."""
     try:
         from snakeslam.backends.sim.backend import SimBackend
     except ModuleNotFoundError as error:
-        raise InputError(
-            "the simulator", f"{error.name} is not installed", "Python 3.11 with the extra 'sim'"
-        ) from error
+        raise _no_simulator(error) from error
     return SimBackend(snake_model(config.robot), config.sim, config.run.seed, camera)
+
+
+def build_scene(config: Config) -> "SceneCamera":
+    """Return the camera that draws the pictures of a simulator which leaves them to others."""
+    try:
+        from snakeslam.backends.sim.scene import SceneCamera
+    except ModuleNotFoundError as error:
+        raise _no_simulator(error) from error
+    return SceneCamera(snake_model(config.robot), config.sim, config.run.seed)
+
+
+def _no_simulator(error: ModuleNotFoundError) -> InputError:
+    return InputError("the simulator", f"{error.name} is not installed", "Python 3.11 with the extra 'sim'")
 
 
 def mode_for(backend: Backend) -> Mode:
@@ -60,6 +81,9 @@ def build_governor(config: Config) -> Governor | None:
     return Governor(config.governor) if config.governor.enabled else None
 
 
-def build_slam(config: Config, backend: Backend) -> Slam:
+def build_slam(config: Config, backend: Backend) -> "Slam":
     """Return slam for the backend's sensors and robot; InputError when the mode needs one that is not there."""
+    # The robot and camera nodes never build one, and start sooner without.
+    from snakeslam.slam import Slam
+
     return Slam(config.estimator, config.mapping, backend.rig, config.run.seed, backend.model)

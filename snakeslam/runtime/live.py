@@ -8,11 +8,9 @@ import cv2
 import numpy as np
 
 from snakeslam.geometry import se3
-from snakeslam.head.settings import HeadSettings
 from snakeslam.messages import (
     CameraFrame,
     Float,
-    GaitCommand,
     GroundTruth,
     Health,
     ImuSample,
@@ -24,9 +22,8 @@ from snakeslam.messages import (
 )
 from snakeslam.robot.kinematics import link_poses_from_imu
 from snakeslam.robot.model import SnakeModel
-from snakeslam.runtime.governor import Governed
 from snakeslam.runtime.stillness import HeadStillness
-from snakeslam.runtime.topics import Event, Picture, Refusal, Report, Tick
+from snakeslam.runtime.topics import Event, Picture, Report, SlamState
 
 NS = 1e-9
 PERIOD_S = 0.05
@@ -58,13 +55,13 @@ class TruthView:
         if self._align_T_WG is None:
             if T_WI is None:
                 return None
-            align = _yaw_alignment if self._gravity_known else _full_alignment
+            align = yaw_alignment if self._gravity_known else _full_alignment
             self._align_T_WG = align(T_WI, nearest.T_WI)
         return self._align_T_WG @ nearest.T_WI
 
 
-def _yaw_alignment(T_WI: Float, T_GI: Float) -> Float:
-    """Return T_WG of yaw and translation only that brings pose ``T_GI`` onto ``T_WI``."""
+def yaw_alignment(T_WI: Float, T_GI: Float) -> Float:
+    """Return T_WG (4, 4) of yaw and translation only that brings pose ``T_GI`` onto ``T_WI``."""
     R = T_WI[:3, :3] @ T_GI[:3, :3].T
     yaw = np.arctan2(R[1, 0] - R[0, 1], R[0, 0] + R[1, 1])
     c, s = np.cos(yaw), np.sin(yaw)
@@ -93,7 +90,6 @@ class LiveSink:
         self._health = Health(Verdict.INITIALISING)
         self._newest_T_WI: Float | None = None
         self._true_T_WI: Float | None = None
-        self._q_target: Float | None = None
         self._q_measured: Float | None = None
         self._points: dict[int, int] = {}
         self._distance_m: float | None = None
@@ -107,8 +103,7 @@ class LiveSink:
         self._still.period_s = period_s
 
     def on_target(self, target: JointTarget) -> None:
-        """Take the commanded angles."""
-        self._q_target = target.q_rad
+        """Take the commanded angles: of no interest here."""
 
     def on_packet(self, packet: Packet) -> None:
         """Take a packet."""
@@ -147,46 +142,21 @@ class LiveSink:
         """Whether it is time for a tick."""
         return self._clock() - self._tick_at >= PERIOD_S
 
-    def tick(
-        self,
-        *,
-        t_ns: int,
-        commands_done: int,
-        moving: bool,
-        estop_reason: str | None,
-        gait: GaitCommand | None,
-        head_settings: HeadSettings | None,
-        notice: str | None,
-        refusals: tuple[Refusal, ...],
-        governed: Governed | None,
-        realtime_factor: float | None,
-    ) -> None:
-        """Report the newest state."""
+    def state(self, boot: str, mode: str) -> SlamState:
+        """Return the newest state of the estimate."""
         self._tick_at = self._clock()
-        self._put(
-            Tick(
-                t_ns=t_ns,
-                commands_done=commands_done,
-                moving=moving,
-                estop_reason=estop_reason,
-                gait=gait,
-                health=self._health,
-                realtime_factor=realtime_factor,
-                frame_rate_hz=self._frame_rate_hz(),
-                q_target_rad=self._q_target,
-                q_measured_rad=self._q_measured,
-                T_WI=self._newest_T_WI,
-                Ts_WL=self._links(),
-                T_WI_truth=self._true_T_WI,
-                head=self._still.motion(),
-                error_m=self._error_m(),
-                distance_m=self._distance_m,
-                map_points=sum(self._points.values()),
-                head_settings=head_settings,
-                notice=notice,
-                refusals=refusals,
-                governed=governed,
-            )
+        return SlamState(
+            boot=boot,
+            mode=mode,
+            health=self._health,
+            frame_rate_hz=self._frame_rate_hz(),
+            T_WI=self._newest_T_WI,
+            Ts_WL=self._links(),
+            T_WI_truth=self._true_T_WI,
+            head=self._still.motion(),
+            error_m=self._error_m(),
+            distance_m=self._distance_m,
+            map_points=sum(self._points.values()),
         )
 
     def _walk(self, p_W: Float) -> None:

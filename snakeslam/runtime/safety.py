@@ -1,130 +1,125 @@
-"""The emergency stop as a pure state machine between control and the robot: the last word on every joint target."""
+"""The robot's safety rules as one pure state machine: what is obeyed, and what leaves for the servos.
 
-from collections.abc import Sequence
-from enum import Enum, auto
+| rule | where |
+|---|---|
+| position, rate and acceleration of every target are clamped; no number at all is a hold | ``guard.Guard`` |
+| commands: stale (> 300 ms), out of order, from the future, not finite are dropped | ``intake.Intake`` |
+| the server's link, or slam's word, lost: hold within .5 s, and until somebody starts it again | ``Watch`` |
+| the robot's own loop stood still for 1 s: hold | ``Safety.turn`` |
+| the E-stop latches here; clearing it never moves the robot | ``guard.Guard`` |
 
-import numpy as np
+Times are the robot's own clock, integer nanoseconds; a sender stamps by that clock as it last heard it (``clock``).
+"""
 
-from snakeslam.backends.base import Backend
-from snakeslam.calibration import SensorRig
-from snakeslam.messages import Float, GroundTruth, JointTarget, Packet
-from snakeslam.robot.limits import JointLimits, LimitedFollower
-from snakeslam.robot.model import SnakeModel
+from collections.abc import Mapping
 
-STEP_S = 0.01
-RESUME_S = 2.0
-ARRIVED_RAD = 1e-6
+from snakeslam.messages import Float, JointTarget
+from snakeslam.robot.limits import JointLimits
+from snakeslam.runtime.guard import Guard
+from snakeslam.runtime.intake import FUTURE_NS, Intake
+from snakeslam.runtime.topics import Command
+from snakeslam.runtime.wire import Order
+
+SILENT_NS = 300_000_000
+"""A link whose newest beat is older than this is lost. The brake takes .15 s at most: a hold within .45 s."""
+FROZEN_NS = 1_000_000_000
+FROZEN = "the robot node itself stood still"
+SERVER, SLAM = "server", "slam"
+LOST = {SERVER: "the link to the operator's server is lost", SLAM: "the estimator is silent"}
 
 
-class _Phase(Enum):
-    FOLLOW = auto()
-    HOLD = auto()
-    RESUME = auto()
+class Watch:
+    """The inputs without which the robot may not move, and when each was last alive by its own stamps."""
+
+    def __init__(self, words: Mapping[str, str]) -> None:
+        self._words = dict(words)
+        self._newest_ns: dict[str, int] = {}
+
+    def beat(self, name: str, stamp_ns: int, now_ns: int) -> None:
+        """Take a beat; one from the future proves nothing, and an old one no more than it says."""
+        if stamp_ns <= now_ns + FUTURE_NS:
+            self._newest_ns[name] = max(stamp_ns, self._newest_ns.get(name, stamp_ns))
+
+    def lost(self, now_ns: int) -> str | None:
+        """Return what is missing, in words; None when nothing is."""
+        for name, words in self._words.items():
+            newest_ns = self._newest_ns.get(name)
+            if newest_ns is None or now_ns - newest_ns > SILENT_NS:
+                return words
+        return None
 
 
-class Guard:
-    """Passes targets on until latched; then brakes every joint at its limit and holds.
+class Safety:
+    """Every rule together; ``required`` names the inputs that must be alive for the robot to move."""
 
-    ``reset`` clears the latch and still holds; only ``resume`` moves again, from the held posture back to what control
-    asks for, smoothly.
-    """
-
-    def __init__(self, limits: JointLimits, reason: str | None = None) -> None:
-        self._limits = limits
-        self._reason = reason
-        self._phase = _Phase.FOLLOW if reason is None else _Phase.HOLD
-        self._q_rad: Float | None = None
-        self._dq_rad_s: Float | None = None
-        self._offset_rad: Float | None = None
-        self._follower: LimitedFollower | None = None
-        self._resumed_s = 0.0
+    def __init__(self, limits: JointLimits, required: Mapping[str, str], estop_reason: str | None = None) -> None:
+        self.guard = Guard(limits, estop_reason)
+        self._watch = Watch(required)
+        self._intake = Intake()
+        self._moving = False
+        self._turned_ns: int | None = None
 
     @property
-    def reason(self) -> str | None:
-        """Why it is latched; None when it is not."""
-        return self._reason
+    def moving(self) -> bool:
+        """Whether it was told to move, and nothing has held it since."""
+        return self._moving
 
     @property
-    def q_rad(self) -> Float | None:
-        """The last target let through, (N,)."""
-        return self._q_rad
+    def estop_reason(self) -> str | None:
+        """Why the E-stop is latched; None when it is not."""
+        return self.guard.reason
+
+    def judge(self, order: Order, command: Command, now_ns: int) -> str | None:
+        """Return why ``order`` is dropped; None when it is to be obeyed."""
+        return self._intake.judge(order, command, now_ns)
+
+    def beat(self, name: str, stamp_ns: int, now_ns: int) -> None:
+        """Take a sign of life of ``name``."""
+        self._watch.beat(name, stamp_ns, now_ns)
+
+    def turn(self, now_ns: int) -> None:
+        """Tell that the robot's loop gets on; after a freeze the world may be another."""
+        if self._moving and self._turned_ns is not None and now_ns - self._turned_ns > FROZEN_NS:
+            self.guard.hold(FROZEN)
+            self._moving = False
+        self._turned_ns = now_ns
+
+    def lost(self, now_ns: int) -> str | None:
+        """Return which required input is missing, in words."""
+        return self._watch.lost(now_ns)
+
+    def may_start(self, now_ns: int) -> str | None:
+        """Return why a start is refused; None when it may be."""
+        return "the E-stop is latched" if self.guard.reason is not None else self._watch.lost(now_ns)
+
+    def start(self, now_ns: int) -> str | None:
+        """Move again, from wherever it is held; return why not, if so."""
+        refusal = self.may_start(now_ns)
+        if refusal is None:
+            self.guard.resume()
+            self._moving = True
+        return refusal
+
+    def stop(self) -> None:
+        """The operator has told it to come to rest: no input is required any more."""
+        self._moving = False
 
     def latch(self, reason: str) -> None:
-        """Stop and hold; the first reason stays."""
-        self._reason = self._reason or reason
-        self._phase = _Phase.HOLD
+        """E-stop."""
+        self.guard.latch(reason)
+        self._moving = False
 
     def reset(self) -> None:
-        """Clear the latch; the hold stays."""
-        self._reason = None
+        """Clear the E-stop; the robot stays where it is."""
+        self.guard.reset()
 
-    def resume(self) -> None:
-        """Follow control again; nothing while latched."""
-        if self._reason is None and self._phase is _Phase.HOLD:
-            self._phase, self._follower, self._resumed_s = _Phase.RESUME, None, 0.0
-
-    def step(self, target: JointTarget) -> JointTarget:
-        """Return what the robot gets instead of ``target``, one control period (10 ms) later than the last."""
-        q = self._next(target.q_rad)
-        self._dq_rad_s = np.zeros_like(q) if self._q_rad is None else (q - self._q_rad) / STEP_S
-        self._q_rad = q
-        return JointTarget(target.t_ns, q)
-
-    def _next(self, asked_rad: Float) -> Float:
-        if self._phase is _Phase.FOLLOW or self._q_rad is None or self._dq_rad_s is None:
-            return asked_rad
-        if self._phase is _Phase.HOLD:
-            return self._brake(self._q_rad, self._dq_rad_s)
-        return self._blend(self._q_rad, asked_rad)
-
-    def _brake(self, q_rad: Float, dq_rad_s: Float) -> Float:
-        """Take as much rate off each joint as its acceleration limit allows, then stay."""
-        speed = np.maximum(np.abs(dq_rad_s) - self._limits.acceleration_rad_s2 * STEP_S, 0.0)
-        held = q_rad + np.sign(dq_rad_s) * speed * STEP_S
-        return np.clip(held, -self._limits.position_rad, self._limits.position_rad)
-
-    def _blend(self, q_rad: Float, asked_rad: Float) -> Float:
-        """Let the difference between the held and the asked posture fade over RESUME_S, within the limits."""
-        if self._follower is None or self._offset_rad is None:
-            self._offset_rad, self._follower = q_rad - asked_rad, LimitedFollower(self._limits, q_rad)
-        self._resumed_s += STEP_S
-        s = min(self._resumed_s / RESUME_S, 1.0)
-        q = self._follower.step(asked_rad + self._offset_rad * (1.0 - s * s * (3.0 - 2.0 * s)), STEP_S)
-        if s >= 1.0 and np.allclose(q, asked_rad, rtol=0.0, atol=ARRIVED_RAD):
-            self._phase = _Phase.FOLLOW
-        return q
-
-
-class GuardedBackend:
-    """A backend behind its guard."""
-
-    def __init__(self, backend: Backend, guard: Guard) -> None:
-        self._backend = backend
-        self._guard = guard
-
-    @property
-    def rig(self) -> SensorRig:
-        """The sensors' calibration."""
-        return self._backend.rig
-
-    @property
-    def model(self) -> SnakeModel | None:
-        """The robot."""
-        return self._backend.model
-
-    @property
-    def t_ns(self) -> int:
-        """Time reached so far."""
-        return self._backend.t_ns
-
-    def step(self, target: JointTarget | None) -> Sequence[Packet] | None:
-        """Advance one control period with the target that the guard lets through."""
-        return self._backend.step(None if target is None else self._guard.step(target))
-
-    def take_ground_truth(self) -> Sequence[GroundTruth]:
-        """Return the truth since the last call."""
-        return self._backend.take_ground_truth()
-
-    def close(self) -> None:
-        """Release the backend."""
-        self._backend.close()
+    def step(self, target: JointTarget, now_ns: int, q_measured_rad: Float | None = None) -> JointTarget:
+        """Return what the servos get for control's ``target`` at ``now_ns``."""
+        if self._moving and (missing := self._watch.lost(now_ns)) is not None:
+            self.guard.hold(missing)
+        if q_measured_rad is not None:
+            self.guard.start_at(q_measured_rad)
+        passed = self.guard.step(target)
+        if self.guard.held_because is not None:
+            self._moving = False
+        return passed

@@ -1,13 +1,15 @@
-"""What the live session and its host say to each other over a pipe: frozen, picklable, newest wins where it may.
+"""What a live session and its host say to each other, and the table of what goes over the bus.
 
-Commands go to the session, reports come back. Times are those of the backend.
+Commands go to the session, reports come back; both are frozen. Times are those of the backend.
 """
 
 from dataclasses import dataclass
+from typing import Generic, Literal, TypeVar
 
 from snakeslam.head.settings import HeadSettings
-from snakeslam.messages import Float, GaitCommand, HeadCommand, Health, MapChunk
+from snakeslam.messages import CameraFrame, Float, GaitCommand, HeadCommand, Health, MapChunk
 from snakeslam.runtime.governor import Governed
+from snakeslam.runtime.wire import Beat, Estimate, Exposure, Hello, Order, Sensors
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +40,7 @@ class Stop:
 class Drive:
     """The operator's hand: move at ``drive`` of the gait's pace and ``turn``, both in [-1, 1], while it is repeated.
 
-    Without another within ``session.DRIVE_FOR_S`` the robot stops; 0 lets go.
+    Without another within ``driving.SILENT_NS`` the robot stops; 0 lets go.
     """
 
     drive: float
@@ -114,13 +116,65 @@ class Refusal:
 
 
 @dataclass(frozen=True, slots=True)
+class Answer:
+    """How far the robot is with a sender's commands: ``done`` is the number of the last one it took."""
+
+    sender: str
+    done: int
+    refusals: tuple[Refusal, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class RobotState:
+    """What the robot node says of itself; ``period_s`` is the gait's, ``held_because`` why it is held until a start.
+
+    ``governed`` is the pace that the governor allows, None where it is off.
+    """
+
+    boot: str
+    stamp_ns: int
+    t_start_ns: int
+    t_ns: int
+    moving: bool
+    estop_reason: str | None
+    held_because: str | None
+    gait: GaitCommand | None
+    head_settings: HeadSettings | None
+    notice: str | None
+    period_s: float | None
+    realtime_factor: float | None
+    q_target_rad: Float | None
+    q_measured_rad: Float | None
+    governed: Governed | None = None
+    answers: tuple[Answer, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class SlamState:
+    """What slam says of itself, for the boot of the robot whose sensors it has; members as in ``Tick``."""
+
+    boot: str
+    mode: str
+    health: Health
+    frame_rate_hz: float | None
+    T_WI: Float | None
+    Ts_WL: Float | None
+    T_WI_truth: Float | None
+    head: HeadMotion
+    error_m: float | None
+    distance_m: float | None
+    map_points: int
+
+
+@dataclass(frozen=True, slots=True)
 class Tick:
     """The newest state, at most 20 times a second; ``commands_done`` counts the commands taken so far.
 
     ``T_WI`` (4, 4) is the estimate, ``Ts_WL`` (N + 1, 4, 4) the links that hang on it, ``T_WI_truth`` the truth brought
     to the estimate's first pose by yaw and translation, ``error_m`` the distance of the two. ``head`` is how still the
     head is, ``head_settings`` how it is held, ``notice`` what the operator should know of the gait, ``refusals`` the
-    last commands that were not obeyed, ``governed`` the pace that the governor allows, None where it is off.
+    last commands that were not obeyed, ``governed`` the pace that the governor allows, None where it is off,
+    ``held_because`` why the robot is held until somebody starts it again.
     """
 
     t_ns: int
@@ -144,6 +198,7 @@ class Tick:
     notice: str | None = None
     refusals: tuple[Refusal, ...] = ()
     governed: Governed | None = None
+    held_because: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,10 +227,65 @@ class Event:
 
 
 @dataclass(frozen=True, slots=True)
+class Restarting:
+    """The robot node has died and is started anew: a new session begins with the next ``Started``."""
+
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Silence:
+    """The robot node has not been heard for a while, and why that may be; None when it is heard again."""
+
+    reason: str | None
+
+
+@dataclass(frozen=True, slots=True)
 class Ended:
     """The session is over: a recording's end, a wish, or (``error``) a failure in one line."""
 
     error: str | None
 
 
-Report = Started | Tick | Picture | MapChunk | Event | Ended
+Report = Started | Tick | Picture | MapChunk | Event | Restarting | Silence | Ended
+
+T_co = TypeVar("T_co", covariant=True)
+Policy = Literal["lossless", "newest", "urgent"]
+
+
+@dataclass(frozen=True, slots=True)
+class Topic(Generic[T_co]):
+    """One row of the table: who misses a message of policy ``newest`` has the next; ``urgent`` overtakes everything.
+
+    What is ``bulky`` goes behind all else, and waits for the link instead of being dropped on it.
+    """
+
+    name: str
+    type: type[T_co]
+    rate_hz: float | None
+    """None: whenever there is something to say."""
+    policy: Policy
+    recorded: bool = False
+    bulky: bool = False
+
+
+ESTOP = Topic("robot/estop", Order, None, "urgent", recorded=True)
+ORDERS = Topic("robot/orders", Order, None, "lossless", recorded=True)
+HELLO = Topic("robot/hello", Hello, 5.0, "newest", recorded=True)
+SENSORS = Topic("robot/sensors", Sensors, 100.0, "lossless", recorded=True)
+ROBOT_STATE = Topic("robot/state", RobotState, 20.0, "newest")
+ROBOT_EVENTS = Topic("robot/events", Event, None, "lossless", recorded=True)
+EXPOSURES = Topic("camera/exposures", Exposure, 20.0, "newest")
+FRAMES = Topic("camera/frames", CameraFrame, 20.0, "newest", recorded=True, bulky=True)
+SERVER_BEAT = Topic("server/beat", Beat, 20.0, "newest")
+SLAM_BEAT = Topic("slam/beat", Beat, 20.0, "newest")
+ESTIMATES = Topic("slam/estimates", Estimate, 20.0, "newest", recorded=True)
+SLAM_STATE = Topic("slam/state", SlamState, 20.0, "newest")
+PICTURES = Topic("slam/pictures", Picture, 20.0, "newest")
+CHUNKS = Topic("slam/chunks", MapChunk, None, "lossless", recorded=True, bulky=True)
+SLAM_EVENTS = Topic("slam/events", Event, None, "lossless", recorded=True)
+
+TOPICS = (
+    ESTOP, ORDERS, HELLO, SENSORS, ROBOT_STATE, ROBOT_EVENTS, EXPOSURES, FRAMES, SERVER_BEAT,
+    SLAM_BEAT, ESTIMATES, SLAM_STATE, PICTURES, CHUNKS, SLAM_EVENTS,
+)  # fmt: skip

@@ -240,7 +240,7 @@ def crawl(name: GaitName) -> Crawl:
     from snakeslam.control import Control
     from snakeslam.head.settings import HeadSettings
 
-    backend = SimBackend(MODEL, SimSettings(), seed=1, camera=False)
+    backend = SimBackend(MODEL, SimSettings(), seed=1, camera="none")
     control = Control(MODEL, GaitSettings(name=name), HeadSettings())
     packets: list[Packet] = []
     try:

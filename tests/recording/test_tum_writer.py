@@ -24,7 +24,8 @@ from snakeslam.recording.settings import ReplaySettings
 from snakeslam.recording.trajectory import read_trajectory
 from snakeslam.recording.tum_writer import TumWriter, depth_units
 from snakeslam.robot.model import PRESETS
-from snakeslam.runtime.session import Session, SessionSpec
+from snakeslam.runtime.session import Session
+from snakeslam.runtime.spec import SessionSpec
 from snakeslam.runtime.topics import Report, Start, Started, Tick
 from tests.small_recordings import write_tum
 

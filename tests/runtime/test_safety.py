@@ -1,96 +1,207 @@
-"""The guard: the last word on every joint target."""
+"""The robot's safety rules, each with the time told: what is obeyed, what is dropped, what holds it."""
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from snakeslam.messages import Float, JointTarget
+from snakeslam.messages import GaitCommand, HeadCommand, JointTarget
 from snakeslam.robot.limits import JointLimits
-from snakeslam.runtime.safety import RESUME_S, STEP_S, Guard
+from snakeslam.runtime.intake import FUTURE_NS, STALE_NS
+from snakeslam.runtime.safety import FROZEN, FROZEN_NS, LOST, SERVER, SILENT_NS, SLAM, Safety
+from snakeslam.runtime.topics import Command, EStop, ResetEStop, SetGait, SetHead, Start, Stop
+from snakeslam.runtime.wire import Order
 
 LIMITS = JointLimits(position_rad=1.5, rate_rad_s=6.0, acceleration_rad_s2=40.0)
-AMPLITUDE_RAD, OMEGA = np.array([0.5, 1.0]), 2.0 * np.pi / 2.0
+MS = 1_000_000
+NOW = 10_000 * MS
 
 
-def gait(step: int) -> JointTarget:
-    """A wave that is fast but within the limits."""
-    return JointTarget(step * 10_000_000, AMPLITUDE_RAD * np.sin(OMEGA * step * STEP_S + np.array([0.0, 1.0])))
+def order(number: int = 1, stamp_ns: int = NOW, sender: str = "page") -> Order:
+    return Order(sender, number, stamp_ns, "")
 
 
-def run(guard: Guard, steps: range) -> Float:
-    return np.array([guard.step(gait(k)).q_rad for k in steps])
+def alive(now_ns: int = NOW) -> Safety:
+    """Return a robot that moves, everything alive."""
+    safety = Safety(LIMITS, LOST)
+    for name in (SERVER, SLAM):
+        safety.beat(name, now_ns, now_ns)
+    assert safety.start(now_ns) is None
+    return safety
 
 
-def test_it_passes_everything_on_until_it_is_latched() -> None:
-    assert np.array_equal(run(Guard(LIMITS), range(50)), [gait(k).q_rad for k in range(50)])
+def wave(k: int) -> JointTarget:
+    return JointTarget(k, np.array([0.5 - 0.5 * np.cos(2.0 * np.pi * k / 200.0)]))
 
 
-def test_the_first_target_after_the_latch_brakes_already() -> None:
-    guard = Guard(LIMITS)
-    q = run(guard, range(40))
-    speed = np.abs(q[-1] - q[-2]) / STEP_S
-    guard.latch("test")
-    after = np.vstack([q[-2:], run(guard, range(40, 120))])
-    rates = np.abs(np.diff(after, axis=0)) / STEP_S
-    expected = np.maximum(speed - LIMITS.acceleration_rad_s2 * STEP_S, 0.0)
-    assert np.allclose(rates[1], expected)
-    assert np.all(np.diff(rates, axis=0) <= 1e-9)
-    # 1 rad at 0.5 Hz is 3.14 rad/s at most: at rest within 80 ms.
-    assert np.all(rates[9:] == 0.0)
+def moves(safety: Safety, first: int, count: int, now_ns: int) -> np.ndarray:
+    return np.array([safety.step(wave(first + k), now_ns).q_rad[0] for k in range(count)])
 
 
-def test_braking_stays_within_the_joints_range() -> None:
-    guard = Guard(LIMITS)
-    for k in range(20):
-        guard.step(JointTarget(k, np.full(2, 1.5 - 0.05 * (20 - k))))
-    guard.latch("test")
-    held = [guard.step(JointTarget(k, np.zeros(2))).q_rad for k in range(50)]
-    assert np.max(held) <= 1.5
+@pytest.mark.parametrize(
+    ("stamp_ns", "words"),
+    [
+        (NOW, None),
+        (NOW - STALE_NS, None),
+        (NOW - STALE_NS - MS, "301 ms old"),
+        (NOW + FUTURE_NS, None),
+        (NOW + FUTURE_NS + MS, "51 ms from the future"),
+    ],
+)
+def test_a_command_is_taken_only_while_it_is_fresh(stamp_ns: int, words: str | None) -> None:
+    said = Safety(LIMITS, {}).judge(order(stamp_ns=stamp_ns), Start(), NOW)
+    assert (said is None) if words is None else (said is not None and words in said)
 
 
-def test_clearing_it_moves_nothing_however_long() -> None:
-    guard = Guard(LIMITS)
-    run(guard, range(40))
-    guard.latch("test")
-    held = run(guard, range(40, 140))[-1]
-    guard.reset()
-    assert guard.reason is None
-    assert np.array_equal(run(guard, range(140, 700)), np.tile(held, (560, 1)))
+@pytest.mark.parametrize("number", [1, 2])
+def test_a_command_that_was_overtaken_or_comes_twice_is_dropped(number: int) -> None:
+    safety = Safety(LIMITS, {})
+    assert safety.judge(order(2), Stop(), NOW) is None
+    said = safety.judge(order(number), Start(), NOW)
+    assert said is not None
+    assert "later command" in said
+    assert safety.judge(order(3), Start(), NOW) is None
+    assert safety.judge(order(1, sender="another"), Start(), NOW) is None
 
 
-def test_it_resumes_only_when_told_and_without_a_jerk() -> None:
-    guard = Guard(LIMITS)
-    run(guard, range(40))
-    guard.latch("test")
-    run(guard, range(40, 140))
-    guard.resume()
-    held = guard.step(gait(140)).q_rad
-    assert np.array_equal(guard.step(gait(141)).q_rad, held), "a latched guard does not resume"
-    guard.reset()
-    guard.resume()
-    q = np.vstack([held, run(guard, range(142, 142 + round(RESUME_S / STEP_S) + 50))])
-    rates = np.diff(q, axis=0) / STEP_S
-    assert np.max(np.abs(rates)) <= LIMITS.rate_rad_s + 1e-9
-    assert np.max(np.abs(np.diff(rates, axis=0))) / STEP_S <= LIMITS.acceleration_rad_s2 + 1e-6
-    assert np.allclose(q[-1], gait(141 + round(RESUME_S / STEP_S) + 50).q_rad)
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("key", ["drive", "turn", "alpha_pi", "period_s"])
+def test_a_command_that_is_not_finite_is_dropped(bad: float, key: str) -> None:
+    command = SetGait(GaitCommand(0, "serpentine", **{key: bad}))
+    said = Safety(LIMITS, {}).judge(order(), command, NOW)
+    assert said is not None
+    assert "no number" in said
+    assert Safety(LIMITS, {}).judge(order(), SetHead(HeadCommand(0, turn_by_deg=bad)), NOW) is not None
 
 
-def test_made_latched_it_never_leaves_the_first_posture() -> None:
-    guard = Guard(LIMITS, "from before")
-    assert guard.reason == "from before"
-    assert np.array_equal(run(guard, range(50)), np.tile(gait(0).q_rad, (50, 1)))
+@pytest.mark.parametrize("command", [EStop("x"), Stop()])
+def test_what_can_only_stop_is_obeyed_however_late(command: Command) -> None:
+    safety = Safety(LIMITS, {})
+    safety.judge(order(9), Start(), NOW)
+    for late in (order(3), order(10, stamp_ns=0), order(11, stamp_ns=NOW + 10**12)):
+        assert safety.judge(late, command, NOW) is None
 
 
-def test_the_first_reason_stays() -> None:
-    guard = Guard(LIMITS)
-    guard.latch("first")
-    guard.latch("second")
-    assert guard.reason == "first"
+def test_a_late_estop_does_not_let_an_earlier_start_through() -> None:
+    safety = Safety(LIMITS, {})
+    assert safety.judge(order(5), EStop("x"), NOW) is None
+    assert safety.judge(order(4), Start(), NOW) is not None
 
 
-@pytest.mark.parametrize("calls", [["reset"], ["resume"], ["reset", "resume"]])
-def test_what_is_not_latched_cannot_be_disturbed(calls: list[str]) -> None:
-    guard = Guard(LIMITS)
-    run(guard, range(10))
-    for call in calls:
-        getattr(guard, call)()
-    assert np.array_equal(run(guard, range(10, 20)), [gait(k).q_rad for k in range(10, 20)])
+def test_a_reset_is_no_stop_it_must_be_fresh() -> None:
+    assert Safety(LIMITS, {}).judge(order(stamp_ns=NOW - 10**9), ResetEStop(), NOW) is not None
+
+
+@pytest.mark.parametrize("silent", [SERVER, SLAM])
+def test_a_silent_input_holds_the_robot_within_half_a_second(silent: str) -> None:
+    safety = alive()
+    other = SLAM if silent == SERVER else SERVER
+    q, now_ns = [], NOW
+    for k in range(150):
+        now_ns = NOW + k * 10 * MS
+        safety.beat(other, now_ns, now_ns)
+        q.append(safety.step(wave(k), now_ns).q_rad[0])
+    rates = np.abs(np.diff(q))
+    assert rates[20] > 1e-3
+    assert np.all(rates[50:] == 0.0)
+    assert safety.guard.held_because == LOST[silent]
+    assert not safety.moving
+    assert safety.estop_reason is None
+
+
+def test_a_link_that_comes_back_moves_nothing_until_a_start() -> None:
+    safety = alive()
+    moves(safety, 0, 50, NOW)
+    later = NOW + SILENT_NS + MS
+    held = moves(safety, 50, 50, later)[-1]
+    for name in (SERVER, SLAM):
+        safety.beat(name, later, later)
+    assert np.all(moves(safety, 100, 100, later) == held)
+    assert safety.start(later) is None
+    assert np.ptp(moves(safety, 200, 300, later)) > 0.1
+
+
+def test_nothing_starts_without_its_inputs() -> None:
+    safety = Safety(LIMITS, LOST)
+    assert safety.start(NOW) == LOST[SERVER]
+    safety.beat(SERVER, NOW, NOW)
+    assert safety.start(NOW) == LOST[SLAM]
+    safety.beat(SLAM, NOW, NOW)
+    assert safety.start(NOW) is None
+    assert safety.moving
+
+
+def test_beats_that_arrive_late_or_early_keep_nothing_alive() -> None:
+    """A link that delays everything by a second is a lost link, however many beats come through it."""
+    for offset_ns in (-(10**9), 10**9):
+        safety = alive()
+        now_ns = NOW + SILENT_NS + MS
+        safety.beat(SERVER, now_ns + offset_ns, now_ns)
+        safety.beat(SLAM, now_ns, now_ns)
+        assert safety.lost(now_ns) == LOST[SERVER]
+
+
+def test_at_rest_nothing_is_missed() -> None:
+    """A robot that was told to stop needs nobody: it is not held, and moves on at the next start."""
+    safety = alive()
+    safety.stop()
+    safety.step(wave(0), NOW + 10 * SILENT_NS)
+    assert safety.guard.held_because is None
+
+
+def test_a_robot_that_stood_still_itself_is_held() -> None:
+    safety = alive()
+    safety.turn(NOW)
+    safety.turn(NOW + FROZEN_NS)
+    assert safety.moving
+    safety.turn(NOW + 2 * FROZEN_NS + MS)
+    assert not safety.moving
+    assert safety.guard.held_because == FROZEN
+
+
+def test_an_estop_is_cleared_without_a_move_and_refuses_starts() -> None:
+    safety = alive()
+    moves(safety, 0, 50, NOW)
+    safety.latch("button")
+    held = moves(safety, 50, 50, NOW)[-1]
+    assert safety.start(NOW) == "the E-stop is latched"
+    safety.reset()
+    assert np.all(moves(safety, 100, 200, NOW) == held)
+    assert not safety.moving
+
+
+deeds = st.one_of(
+    st.tuples(st.just("step"), st.floats(allow_nan=True, allow_infinity=True)),
+    st.tuples(st.just("step"), st.floats(-2.0, 2.0)),
+    st.tuples(st.just("wait"), st.integers(0, 800)),
+    st.tuples(st.sampled_from(["server", "slam"]), st.integers(-500, 500)),
+    st.tuples(st.sampled_from(["start", "stop", "latch", "reset"]), st.none()),
+)
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.lists(deeds, max_size=60))
+def test_whatever_happens_it_moves_only_when_started_with_everything_alive(deeds: list) -> None:
+    safety, now_ns, q, dq = Safety(LIMITS, LOST), NOW, np.zeros(1), 0.0
+    safety.guard.start_at(q)
+    for deed, value in deeds:
+        if deed == "wait":
+            now_ns += value * MS
+        elif deed in (SERVER, SLAM):
+            safety.beat(deed, now_ns + value * MS, now_ns)
+        elif deed == "step":
+            new = safety.step(JointTarget(0, np.array([value])), now_ns).q_rad
+            rate = float(new[0] - q[0]) / 0.01
+            assert np.isfinite(rate)
+            assert abs(new[0]) <= LIMITS.position_rad
+            assert abs(rate) <= LIMITS.rate_rad_s + 1e-9
+            assert abs(rate - dq) <= LIMITS.acceleration_rad_s2 * 0.01 + 1e-9
+            if safety.guard.held_because is not None:
+                assert abs(rate) <= max(abs(dq) - LIMITS.acceleration_rad_s2 * 0.01, 0.0) + 1e-9
+            if safety.moving:
+                assert safety.lost(now_ns) is None
+                assert safety.estop_reason is None
+            q, dq = new, rate
+        else:
+            argument = {"start": [now_ns], "latch": ["x"]}.get(deed, [])
+            getattr(safety, deed)(*argument)

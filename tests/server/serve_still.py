@@ -1,5 +1,9 @@
-"""A real server around a fake robot: ``python -m tests.server.serve_still PORT HOST [RECORDINGS]``."""
+"""A real server around a fake robot: ``python -m tests.server.serve_still PORT HOST [RECORDINGS]``.
 
+With $SNAKESLAM_TEST_BUS the robot's nodes are met there.
+"""
+
+import os
 import sys
 from pathlib import Path
 
@@ -10,12 +14,14 @@ def main() -> int:
     from snakeslam.config import Config
     from snakeslam.errors import SnakeslamError
     from snakeslam.robot.model import RobotSettings
-    from snakeslam.runtime.session import SessionSpec
+    from snakeslam.runtime.link import Link
+    from snakeslam.runtime.spec import SessionSpec
     from tests.server.still_robot import still_robot
 
     port, host, *folders = sys.argv[1:]
     config = Config(robot=RobotSettings(model="orthogonal24"))
-    spec = SessionSpec(config, build=still_robot)
+    bus = os.environ.get("SNAKESLAM_TEST_BUS")
+    spec = SessionSpec(config, build=still_robot, link=None if bus is None else Link(bus))
     try:
         serve(config, host=host, port=int(port), recordings=[Path(folder) for folder in folders], spec=spec)
     except SnakeslamError as error:

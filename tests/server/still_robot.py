@@ -6,11 +6,11 @@ import numpy as np
 from snakeslam.calibration import CameraCalibration, ImuCalibration, SensorRig
 from snakeslam.messages import CameraFrame, GroundTruth, ImuSample, JointState, JointTarget, Packet
 from snakeslam.robot.model import PRESETS, SnakeModel
-from snakeslam.runtime.session import SessionSpec
+from snakeslam.runtime.spec import SessionSpec
 
 STEP_NS = 10_000_000
 FRAME_EVERY = 5
-BREAKS, ENDS = 1001, 1002
+BREAKS, ENDS, ENDS_WHEN_MOVED = 1001, 1002, 1003
 WIDTH, HEIGHT, FOCAL_PX = 320, 240, 240.0
 
 
@@ -21,16 +21,23 @@ def _picture(rng: np.random.Generator) -> np.ndarray:
 
 
 class StillRobot:
-    """See the module's docstring; ends after ``end_s``, fails at ``fail_s``."""
+    """See the module's docstring; ends after ``end_s``, or once it has moved by ``end_rad``; fails at ``fail_s``."""
 
-    def __init__(self, end_s: float = np.inf, fail_s: float = np.inf, frame_every: int = FRAME_EVERY) -> None:
+    def __init__(
+        self,
+        end_s: float = np.inf,
+        fail_s: float = np.inf,
+        frame_every: int = FRAME_EVERY,
+        end_rad: float = np.inf,
+    ) -> None:
         self._model = PRESETS["orthogonal24"]
-        self._end_s, self._fail_s, self._frame_every = end_s, fail_s, frame_every
+        self._end_s, self._fail_s, self._frame_every, self._end_rad = end_s, fail_s, frame_every, end_rad
         self._t_ns = 0
         self._q_rad = np.zeros(self._model.joint_count)
         self._truth: list[GroundTruth] = []
         self._rng = np.random.default_rng(7)
         self._picture = _picture(self._rng)
+        self._moved_rad = 0.0
         self.targets: list[JointTarget] = []
 
     @property
@@ -62,9 +69,10 @@ class StillRobot:
     def step(self, target: JointTarget | None) -> list[Packet] | None:
         if self._t_ns * 1e-9 >= self._fail_s:
             raise RuntimeError("the fake robot\nbroke")
-        if self._t_ns * 1e-9 >= self._end_s:
+        if self._t_ns * 1e-9 >= self._end_s or self._moved_rad >= self._end_rad:
             return None
         if target is not None:
+            self._moved_rad += 0.0 if not self.targets else float(np.abs(target.q_rad - self._q_rad).max())
             self.targets.append(target)
             self._q_rad = target.q_rad
         self._t_ns += STEP_NS
@@ -94,4 +102,8 @@ class StillRobot:
 def still_robot(spec: SessionSpec) -> StillRobot:
     """Return the robot; the seed says how it behaves."""
     seed = spec.config.run.seed
-    return StillRobot(end_s=0.5 if seed == ENDS else np.inf, fail_s=0.3 if seed == BREAKS else np.inf)
+    return StillRobot(
+        end_s=0.5 if seed == ENDS else np.inf,
+        fail_s=0.3 if seed == BREAKS else np.inf,
+        end_rad=0.01 if seed == ENDS_WHEN_MOVED else np.inf,
+    )

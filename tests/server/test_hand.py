@@ -2,7 +2,7 @@
 
 import pytest
 
-from server.hand import STALE_S, Hand, Input
+from server.hand import SILENT_S, STALE_S, Hand, Input
 
 NOW_S, THEIRS_S = 5000.0, 12.0
 
@@ -44,8 +44,8 @@ def test_silence_lets_go_only_of_a_robot_that_is_driven() -> None:
     driver = hand()
     assert not driver.silent(NOW_S + 100.0)
     driver.take(Input(1, THEIRS_S + 1.0, 0.5, 0.0), NOW_S + 1.0)
-    assert not driver.silent(NOW_S + 1.0 + STALE_S - 0.01)
-    assert driver.silent(NOW_S + 1.0 + STALE_S + 0.01)
+    assert not driver.silent(NOW_S + 1.0 + SILENT_S - 0.01)
+    assert driver.silent(NOW_S + 1.0 + SILENT_S + 0.01)
     driver.release()
     assert not driver.silent(NOW_S + 2.0)
 

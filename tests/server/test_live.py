@@ -14,7 +14,8 @@ from server.live import Live
 from server.problem import Problem
 from snakeslam.config import Config
 from snakeslam.messages import HeadCommand, Health, Verdict
-from snakeslam.runtime.session import SessionSpec
+from snakeslam.runtime.pipe_host import PipeHost
+from snakeslam.runtime.spec import SessionSpec
 from snakeslam.runtime.topics import (
     Command,
     EStop,
@@ -99,7 +100,7 @@ def start(sessions: list[SlowSession]) -> Callable[[SessionSpec], tuple[SlowSess
 
 
 async def live_session(sessions: list[SlowSession]) -> Live:
-    live = Live(Config(), start(sessions))
+    live = Live(Config(), lambda spec: PipeHost(spec, start(sessions)))
     await live.start(SessionSpec(Config()), "sim", "simulator")
     while live.view.phase != "running":
         await asyncio.sleep(0.01)

@@ -1,6 +1,7 @@
 """Driving over the websocket, with a real session behind it."""
 
 import json
+import socket
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -27,7 +28,7 @@ class Driver:
         self.socket.send(json.dumps({"t_ms": time.monotonic() * 1e3, **message}))
 
     def hear(self) -> dict[str, Any]:
-        return json.loads(self.socket.recv(timeout=5))
+        return json.loads(self.socket.recv(timeout=30))
 
     def ping(self) -> None:
         self.send(type="ping")
@@ -42,7 +43,7 @@ class Driver:
         """Read until the server closes; return its code."""
         with suppress(ConnectionClosed):
             while True:
-                self.socket.recv(timeout=5)
+                self.socket.recv(timeout=30)
         return self.socket.close_code
 
 
@@ -87,9 +88,9 @@ def test_the_robot_stops_when_the_input_does(server: Running, client: httpx.Clie
             assert driver.drive(1.0)["type"] == "done"
         assert client.get("/api/v1/state").json()["moving"] is True
         silent = time.monotonic()
-        wait_for(lambda: driver.ping() is None and not client.get("/api/v1/state").json()["moving"], 5.0)
+        wait_for(lambda: driver.ping() is None and not client.get("/api/v1/state").json()["moving"])
         # Not a budget: a robot that only stopped with the lease would take a minute.
-        assert time.monotonic() - silent < 4.0
+        assert time.monotonic() - silent < 20.0
 
 
 def test_the_robot_stops_when_the_socket_closes(server: Running, client: httpx.Client, lease: str) -> None:
@@ -97,8 +98,8 @@ def test_the_robot_stops_when_the_socket_closes(server: Running, client: httpx.C
         driver.hear()
         driver.ping()
         driver.drive(1.0)
-        driver.socket.socket.close()  # As a page that is killed: no goodbye.
-    wait_for(lambda: not client.get("/api/v1/state").json()["moving"], 5.0)
+        driver.socket.socket.shutdown(socket.SHUT_RDWR)  # As a page that is killed: no goodbye.
+    wait_for(lambda: not client.get("/api/v1/state").json()["moving"])
     assert client.get("/api/v1/state").json()["control"]["holder"] == "Ann"
 
 
@@ -109,7 +110,7 @@ def test_who_loses_control_loses_the_robot(server: Running, client: httpx.Client
         driver.drive(1.0)
         taken = bob.post(LEASE, json={"name": "Bob", "take_over": True}).json()
         assert driver.closed() == 4001
-        wait_for(lambda: not bob.get("/api/v1/state").json()["moving"], 5.0)
+        wait_for(lambda: not bob.get("/api/v1/state").json()["moving"])
         bob.delete(LEASE, headers={"Control-Lease": taken["key"]}).raise_for_status()
 
 
@@ -177,7 +178,7 @@ def test_a_flood_is_cut_off(server: Running, client: httpx.Client, lease: str) -
             for seq in range(5000):
                 driver.send(type="drive", seq=seq, drive=1.0)
         assert driver.closed() == 4002
-    wait_for(lambda: not client.get("/api/v1/state").json()["moving"], 5.0)
+    wait_for(lambda: not client.get("/api/v1/state").json()["moving"])
 
 
 @pytest.mark.parametrize("hello", ['{"type": "hello", "lease": "wrong"}', '{"type": "hello"}', "hello", '"hello"'])

@@ -95,6 +95,8 @@ export interface RobotState {
   gait: GaitState;
   /** What the operator should know of the gait, such as that it barely advances. */
   notice: string | null;
+  /** Why the robot is held until somebody starts it again; null when it is not. */
+  held_because: string | null;
   /** Null without a robot. */
   head_control: HeadControl | null;
   robot: { model: string; joints: number };

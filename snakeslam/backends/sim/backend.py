@@ -1,6 +1,8 @@
 """The simulator as a backend: physics, IMU, servos and camera on one integer clock."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 import pybullet
@@ -26,15 +28,31 @@ SETTLE_S = 0.3
 WORLD_STREAM, CAMERA_STREAM, IMU_STREAM = 1, 2, 3
 
 
+CameraPlace = Literal["here", "elsewhere", "none"]
+
+
+@dataclass(frozen=True, slots=True)
+class Shot:
+    """What has to be known to make a frame: the snake's tail link and joints, the IMU's pose, the camera's turn."""
+
+    t_ns: int
+    seq: int
+    T_W_base: Float
+    q_rad: Float
+    T_WI: Float
+    w_C: Float
+
+
 class SimBackend:
     """A snake in a world made from ``seed``; W is the world's frame, the head starts over its origin, looking along x.
 
     Everything is determined by the arguments and the targets. A frame's middle of exposure is the time of an IMU
-    sample; the frame is handed out once the next sample, to which the exposure reaches, is there. Without ``camera`` no
-    frame comes and nothing is drawn; the motion is the same.
+    sample; the frame is handed out once the next sample, to which the exposure reaches, is there. With ``camera``
+    "none" no frame comes and nothing is drawn; with "elsewhere" ``take_shots`` has what a ``scene.SceneCamera`` in
+    another process makes frames of. The motion is the same.
     """
 
-    def __init__(self, model: SnakeModel, settings: SimSettings, seed: int, camera: bool = True) -> None:
+    def __init__(self, model: SnakeModel, settings: SimSettings, seed: int, camera: CameraPlace = "here") -> None:
         if settings.physics.rate_hz % (2 * IMU_RATE_HZ):
             raise InputError("sim.physics.rate_hz", f"{settings.physics.rate_hz} is not possible", "multiples of 400")
         self._model = model
@@ -42,11 +60,14 @@ class SimBackend:
         cam0 = camera_calibration(settings.camera, model)
         self._rig = SensorRig(cam0=cam0, imu0=imu_calibration(settings.imu))
         client: int = pybullet.connect(pybullet.DIRECT)
-        self._renderer = Renderer(client, cam0.intrinsics[0]) if camera else None
+        self._has_camera = camera != "none"
+        self._renderer = Renderer(client, cam0.intrinsics[0]) if camera == "here" else None
         self._physics = SnakePhysics(
             model, settings.physics, settings.friction_ratio, pose_with_head_at(model, 0.0, 0.0), client_id=client
         )
-        place_world(world(settings.world, np.random.default_rng([seed, WORLD_STREAM])), client, pictures=camera)
+        place_world(
+            world(settings.world, np.random.default_rng([seed, WORLD_STREAM])), client, pictures=camera == "here"
+        )
         if self._renderer is not None:
             self._renderer.warm_up()
         self._camera = Camera(settings.camera, cam0.intrinsics, np.random.default_rng([seed, CAMERA_STREAM]))
@@ -58,7 +79,8 @@ class SimBackend:
         self._run(IMU_DT_S / 2.0)
         self._half_way_W = self._physics.head_state()[0][:3, 3]
         self._frame_count = 0
-        self._exposing: tuple[int, Render, Float] | None = None
+        self._exposing: tuple[Shot, Render | None, Float] | None = None
+        self._shots: list[Shot] = []
         self._joints = self._physics.joint_state()
         self._truth: list[GroundTruth] = []
 
@@ -97,6 +119,11 @@ class SimBackend:
         taken, self._truth = self._truth, []
         return taken
 
+    def take_shots(self) -> Sequence[Shot]:
+        """Return what is to be made frames of elsewhere since the last call."""
+        taken, self._shots = self._shots, []
+        return taken
+
     def close(self) -> None:
         """Release the renderer and the physics; safe to call twice."""
         if self._renderer is not None:
@@ -123,7 +150,7 @@ class SimBackend:
         self._half_way_W = self._physics.head_state()[0][:3, 3]
         self._v_W = (self._half_way_W - before_W) / IMU_DT_S
         if self._exposing is not None:
-            packets.append(self._end_exposure(*self._exposing))
+            packets.extend(self._end_exposure(*self._exposing))
         self._exposing = beginning
         gyro_I, accel_I = interval_means(T0_WI[:3, :3], v0_W, self._pose_WI[:3, :3], self._v_W, IMU_DT_S)
         packets.append(self._imu.measure(self.t_ns, gyro_I, accel_I))
@@ -131,16 +158,20 @@ class SimBackend:
             GroundTruth(self.t_ns, self._pose_WI, self._v_W, self._imu.gyro_bias_I, self._imu.accel_bias_I)
         )
 
-    def _begin_exposure(self, T0_WI: Float) -> tuple[int, Render, Float] | None:
+    def _begin_exposure(self, T0_WI: Float) -> tuple[Shot, Render | None, Float] | None:
         """Render where a frame is due; ``T0_WI`` is the pose one IMU interval ago."""
-        if self._renderer is None or (self._imu_count - 1) % (IMU_RATE_HZ // self._settings.camera.rate_hz):
+        if not self._has_camera or (self._imu_count - 1) % (IMU_RATE_HZ // self._settings.camera.rate_hz):
             return None
-        return self.t_ns, self._renderer.render(self._pose_WI @ self._rig.cam0.T_IC), T0_WI
+        shot = Shot(self.t_ns, self._frame_count, self._physics.Ts_WL[0], self._joints[0], self._pose_WI, np.zeros(3))
+        self._frame_count += 1
+        render = None if self._renderer is None else self._renderer.render(self._pose_WI @ self._rig.cam0.T_IC)
+        return shot, render, T0_WI
 
-    def _end_exposure(self, t_ns: int, render: Render, T0_WI: Float) -> CameraFrame:
-        """Return the frame at ``t_ns``, blurred by the turn from one IMU time before it to one after."""
+    def _end_exposure(self, shot: Shot, render: Render | None, T0_WI: Float) -> Sequence[CameraFrame]:
+        """Return the frame, if it is made here, blurred by the turn from one IMU time before to one after."""
         turn_I = so3.log(T0_WI[:3, :3].T @ self._pose_WI[:3, :3])
         w_C = self._rig.cam0.T_CI[:3, :3] @ turn_I / (2.0 * IMU_DT_S)
-        frame = self._camera.expose(t_ns, self._frame_count, render, w_C)
-        self._frame_count += 1
-        return frame
+        if render is not None:
+            return (self._camera.expose(shot.t_ns, shot.seq, render, w_C),)
+        self._shots.append(replace(shot, w_C=w_C))
+        return ()

@@ -74,6 +74,7 @@ function note(app: App): string {
   if (!state || app.link.get().phase !== "live") return "";
   if (state.source.kind === "recording") return "A recording plays: there is no robot to drive. Choose the simulator above.";
   if (state.estop.latched) return "Reset the emergency stop first.";
+  if (state.held_because !== null) return `The robot is held: ${state.held_because}. Start it again, or drive.`;
   return canTurn(app) ? "" : "This gait cannot turn.";
 }
 

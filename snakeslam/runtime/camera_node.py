@@ -1,0 +1,42 @@
+"""The simulator's camera as a process of its own: rendering never stands in the way of the control loop."""
+
+import queue
+
+from snakeslam.config import Config
+from snakeslam.runtime.assembly import build_scene
+from snakeslam.runtime.bus import Bus
+from snakeslam.runtime.link import Link
+from snakeslam.runtime.node import Child, Life, spawn
+from snakeslam.runtime.topics import EXPOSURES, FRAMES
+from snakeslam.runtime.wire import Exposure
+
+WAITING = 2
+"""Pictures that wait to be drawn at most; the oldest goes."""
+
+
+def camera_process(config: Config, link: Link) -> Child:
+    """Start the camera's process."""
+    return spawn("snakeslam:cam", run_camera, config, link)
+
+
+def run_camera(config: Config, link: Link, life: Life) -> None:
+    """Draw what the robot node asks for until the life ends."""
+    from snakeslam.backends.sim.backend import Shot
+
+    scene = build_scene(config)
+    bus = Bus(link, wanted=lambda: not life.over)
+    wanted: queue.Queue[Exposure] = queue.Queue()
+    bus.subscribe(EXPOSURES, wanted.put)
+    try:
+        while not life.over:
+            try:
+                exposure = wanted.get(timeout=0.1)
+            except queue.Empty:
+                continue
+            while wanted.qsize() >= WAITING:
+                exposure = wanted.get()
+            e = exposure
+            bus.publish(FRAMES, scene.expose(Shot(e.t_ns, e.seq, e.T_W_base, e.q_rad, e.T_WI, e.w_C)))
+    finally:
+        bus.close()
+        scene.close()

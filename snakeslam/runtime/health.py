@@ -1,0 +1,25 @@
+"""Whether the nodes on a bus are alive, for a health check."""
+
+import threading
+
+from snakeslam.errors import SnakeslamError
+from snakeslam.runtime.bus import Bus
+from snakeslam.runtime.link import Link
+from snakeslam.runtime.topics import ROBOT_STATE, SLAM_BEAT
+
+PATIENCE_S = 5.0
+
+
+def check(link: Link, patience_s: float = PATIENCE_S) -> str:
+    """Return a line that says both nodes are alive; SnakeslamError names the one that is silent."""
+    bus = Bus(link, timeout_s=patience_s)
+    robot, slam = threading.Event(), threading.Event()
+    try:
+        bus.subscribe(ROBOT_STATE, lambda _: robot.set())
+        bus.subscribe(SLAM_BEAT, lambda _: slam.set())
+        for name, heard in (("robot", robot), ("slam", slam)):
+            if not heard.wait(patience_s):
+                raise SnakeslamError(f"the {name} node is silent")
+    finally:
+        bus.close()
+    return "robot and slam are alive"

@@ -1,0 +1,297 @@
+"""The robot: backend, control and safety in one loop of 100 Hz, with what the operator commands; no bus in sight.
+
+The same in the node and in a test. Times called ``now_ns`` are the robot's (``robot_time``), stamps the node's clock.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from snakeslam.backends.base import Backend
+from snakeslam.config import Config
+from snakeslam.control import Control
+from snakeslam.errors import InputError
+from snakeslam.gaits.advance import advance_notice
+from snakeslam.gaits.catalogue import resolve
+from snakeslam.gaits.command import commanded_gait, configured_gait
+from snakeslam.messages import (
+    CameraFrame,
+    GaitCommand,
+    HeadCommand,
+    ImuSample,
+    JointState,
+    JointTarget,
+    Packet,
+    PoseEstimate,
+)
+from snakeslam.runtime.answers import Answers
+from snakeslam.runtime.assembly import build_governor
+from snakeslam.runtime.driving import SILENT_HAND, Driving
+from snakeslam.runtime.pacing import Pacer
+from snakeslam.runtime.safety import LOST, Safety
+from snakeslam.runtime.topics import (
+    Command,
+    Drive,
+    EStop,
+    Event,
+    ResetEStop,
+    RobotState,
+    SetGait,
+    SetHead,
+    Start,
+    Stop,
+)
+from snakeslam.runtime.wire import Estimate, Order, Sensors
+from snakeslam.runtime.words import head_words
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """What one control period gave: sensors but for the camera, and the camera's frames."""
+
+    sensors: Sensors
+    frames: tuple[CameraFrame, ...]
+
+
+class Robot:
+    """Steps the backend under control's targets, as far as safety lets them through; ``say`` gets words.
+
+    ``required`` names the inputs without which it does not move. A start that ``autostart`` asks for waits for them and
+    for ``run.rest_s``.
+    """
+
+    def __init__(
+        self,
+        config: Config,
+        backend: Backend,
+        control: Control,
+        say: Callable[[Event], None],
+        *,
+        boot: str = "",
+        required: dict[str, str] | None = None,
+        estop_reason: str | None = None,
+        autostart: bool = False,
+    ) -> None:
+        assert backend.model is not None
+        self.backend, self.boot = backend, boot
+        self.t_start_ns = backend.t_ns
+        self._model, self._control, self._put = backend.model, control, say
+        self._configured = config.gait
+        self.safety = Safety(self._model.limits, LOST if required is None else required, estop_reason)
+        self._gait = configured_gait(config.gait)
+        self._driving, self._governor = Driving(), build_governor(config)
+        self._notice: str | None = None
+        self._period_s = 0.0
+        self._autostart_ns: int | None = backend.t_ns + round(config.run.rest_s * 1e9)
+        if not autostart or estop_reason is not None:
+            self._autostart_ns = None
+        self._answers = Answers()
+        self.pacer = Pacer()
+        self.last_pose: PoseEstimate | None = None
+        """The newest there was, though slam may have none now."""
+        self._pose: PoseEstimate | None = None
+        self._imu: ImuSample | None = None
+        self._joints: JointState | None = None
+        self._target: JointTarget | None = None
+        self._seq = 0
+        self._held: str | None = None
+        self._judge_gait()
+
+    def obey(self, order: Order, command: Command, now_ns: int) -> str | None:
+        """Obey a command at once, or return why not; the next joint target already does."""
+        refusal = self.safety.judge(order, command, now_ns) or self.take(command, now_ns)
+        self._answers.note(order, refusal)
+        # Who drives repeats it many times a second, and hears of each refusal anyway.
+        if refusal is not None and not isinstance(command, Drive):
+            self._say("error", f"{command_words(command)} refused: {refusal}")
+        return refusal
+
+    def take(self, command: Command, now_ns: int) -> str | None:
+        """Do what is commanded; return why it cannot be, and change nothing then."""
+        try:
+            return self._do(command, now_ns)
+        except InputError as error:
+            return str(error)
+
+    def _do(self, command: Command, now_ns: int) -> str | None:
+        if isinstance(command, EStop):
+            self._estop(command.reason)
+        elif isinstance(command, ResetEStop):
+            self._reset()
+        elif isinstance(command, SetGait):
+            self._command(self._gait.drive, command.gait)
+        elif isinstance(command, SetHead):
+            self._set_head(command.head)
+        elif isinstance(command, Start):
+            return self._start(now_ns)
+        elif isinstance(command, Drive):
+            return self._drive(command, now_ns)
+        elif isinstance(command, Stop):
+            self._stop()
+        return None
+
+    def hear(self, estimate: Estimate) -> None:
+        """Take slam's word on a picture; on one of an earlier boot nothing depends any more."""
+        if estimate.boot != self.boot:
+            return
+        self._pose, self.last_pose = estimate.pose, estimate.pose or self.last_pose
+        if self._governor is not None:
+            self._control.throttle = self._governor.step(estimate.t_ns, estimate.health).pace
+
+    def step(self, now_ns: int, stamp_ns: int | None = None) -> Step | None:
+        """Advance one control period, stamped ``stamp_ns`` (None: now); None at the end of the backend."""
+        if self._autostart_ns is not None and self.backend.t_ns >= self._autostart_ns:
+            self._autostart(now_ns)
+        if self._driving.silent(now_ns):
+            # A hold, for the operator is lost: as quick as the joints can. Whoever drives on moves again.
+            self._rest()
+            self.safety.guard.hold(SILENT_HAND)
+        asked = self._control.step(self.backend.t_ns, self._joints, self._pose, self._imu)
+        measured = None if self._joints is None else self._joints.q_rad
+        target = self._target = self.safety.step(asked, now_ns, measured)
+        self._notice_hold()
+        packets = self.backend.step(target)
+        if packets is None:
+            return None
+        return self._sorted(packets, target, now_ns if stamp_ns is None else stamp_ns)
+
+    def stop_now(self, reason: str) -> None:
+        """Ramp to a hold, as when the node ends."""
+        self.safety.guard.hold(reason)
+        self._autostart_ns = None
+
+    def state(self, now_ns: int) -> RobotState:
+        """Return the newest state."""
+        return RobotState(
+            boot=self.boot,
+            stamp_ns=now_ns,
+            t_start_ns=self.t_start_ns,
+            t_ns=self.backend.t_ns,
+            moving=self.safety.moving,
+            estop_reason=self.safety.estop_reason,
+            held_because=self.safety.guard.held_because,
+            gait=self._gait if self.safety.moving else replace(self._gait, drive=0.0),
+            head_settings=self._control.head,
+            notice=self._notice,
+            period_s=self._period_s,
+            realtime_factor=self.pacer.realtime_factor,
+            q_target_rad=None if self._target is None else self._target.q_rad,
+            q_measured_rad=None if self._joints is None else self._joints.q_rad,
+            governed=None if self._governor is None else self._governor.now,
+            answers=self._answers.all(),
+        )
+
+    def _sorted(self, packets: Sequence[Packet], target: JointTarget, stamp_ns: int) -> Step:
+        imu = tuple(packet for packet in packets if isinstance(packet, ImuSample))
+        joints = [packet for packet in packets if isinstance(packet, JointState)]
+        self._imu = imu[-1] if imu else self._imu
+        self._joints = joints[-1] if joints else self._joints
+        truth = tuple(self.backend.take_ground_truth())
+        sensors = Sensors(self.boot, self._seq, stamp_ns, imu, joints[-1] if joints else None, target, truth)
+        self._seq += 1
+        return Step(sensors, tuple(packet for packet in packets if isinstance(packet, CameraFrame)))
+
+    def _estop(self, reason: str) -> None:
+        self._autostart_ns = None
+        if self.safety.estop_reason is not None:
+            return
+        self.safety.latch(reason)
+        self._driving.hold()
+        self._command(0.0)
+        self._held = reason
+        self._say("error", f"E-stop: {reason}")
+
+    def _reset(self) -> None:
+        if self.safety.estop_reason is not None:
+            self.safety.reset()
+            self._say("info", "E-stop cleared; start to move again")
+
+    def _autostart(self, now_ns: int) -> None:
+        if self.safety.may_start(now_ns) is None:
+            self._start(now_ns)
+
+    def _start(self, now_ns: int) -> str | None:
+        self._autostart_ns = None
+        was_moving = self.safety.moving
+        refusal = self.safety.start(now_ns)
+        if refusal is None:
+            self._held = None
+            self._driving.end()
+            self._command(1.0)
+            if not was_moving:
+                self._say("info", f"start {self._gait.gait}")
+        return refusal
+
+    def _drive(self, command: Drive, now_ns: int) -> str | None:
+        """Move as the operator's hand says, for as long as it goes on saying so; 0 lets go."""
+        self._autostart_ns = None
+        moving = command.drive != 0.0
+        refusal = self._driving.refusal() or self.safety.may_start(now_ns) if moving else None
+        if refusal is not None:
+            return refusal
+        if (command.drive, command.turn) != (self._gait.drive, self._gait.turn):
+            self._command(command.drive, replace(self._gait, turn=command.turn))
+        if not moving:
+            self._rest(self._gait.turn)
+            return None
+        if not self.safety.moving:
+            self._held = None
+            self.safety.start(now_ns)
+            self._say("info", f"start {self._gait.gait}")
+        self._driving.drive(now_ns)
+        return None
+
+    def _rest(self, turn: float = 0.0) -> None:
+        """Come to rest; what the hand steered goes with the hand."""
+        was_moving = self.safety.moving
+        self._driving.end()
+        self.safety.stop()
+        self._command(0.0, replace(self._gait, turn=turn))
+        if was_moving:
+            self._say("info", "stop")
+
+    def _stop(self) -> None:
+        self._autostart_ns = None
+        self._rest(self._gait.turn)
+
+    def _notice_hold(self) -> None:
+        """Let control come to rest too where safety holds the robot, and tell why."""
+        held = self.safety.guard.held_because
+        if held is None or held == self._held:
+            return
+        self._held = held
+        self._driving.hold()
+        self._command(0.0)
+        self._say("error", f"held: {held}; start to move again")
+
+    def _command(self, drive: float, gait: GaitCommand | None = None) -> None:
+        """Command ``gait`` (else the one there is); InputError, and no change, where it cannot be done."""
+        gait = replace(gait or self._gait, t_ns=self.backend.t_ns, drive=drive)
+        self._control.command(gait)
+        self._gait = gait
+        self._judge_gait()
+
+    def _judge_gait(self) -> None:
+        """Take the gait's period and what the operator should know of it."""
+        gait = resolve(commanded_gait(self._gait, self._configured), self._model)
+        self._notice = advance_notice(gait)
+        self._period_s = 2.0 * np.pi / gait.omega
+
+    def _set_head(self, command: HeadCommand) -> None:
+        before = self._control.head
+        self._control.command_head(replace(command, t_ns=self.backend.t_ns))
+        for text in head_words(before, self._control.head, command):
+            self._say("info", text)
+
+    def _say(self, level: str, text: str) -> None:
+        self._put(Event(self.backend.t_ns, level, text))
+
+
+def command_words(command: Command) -> str:
+    """Return what a command is called."""
+    names: dict[type, str] = {
+        SetGait: "the gait", SetHead: "the head", Start: "the start", Stop: "the stop", Drive: "the drive",
+        EStop: "the E-stop", ResetEStop: "the reset",
+    }  # fmt: skip
+    return names.get(type(command), type(command).__name__)

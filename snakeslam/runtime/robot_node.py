@@ -1,0 +1,235 @@
+"""The robot node: the robot's loop in real time, on the bus; the simulator's camera is a process beside it."""
+
+import threading
+from collections import deque
+from contextlib import closing
+from dataclasses import dataclass, replace
+from time import monotonic, monotonic_ns
+from uuid import uuid4
+
+import structlog
+
+from snakeslam.backends.base import Backend
+from snakeslam.errors import InputError
+from snakeslam.runtime.assembly import build_backend, build_control, build_simulator
+from snakeslam.runtime.bus import Bus
+from snakeslam.runtime.camera_node import camera_process
+from snakeslam.runtime.codec import WireError
+from snakeslam.runtime.link import Link
+from snakeslam.runtime.node import Life
+from snakeslam.runtime.orders import command_of
+from snakeslam.runtime.robot import Robot
+from snakeslam.runtime.robot_time import RobotTime
+from snakeslam.runtime.safety import SERVER, SLAM
+from snakeslam.runtime.spec import SessionSpec
+from snakeslam.runtime.supervisor import Supervisor
+from snakeslam.runtime.topics import (
+    ESTIMATES,
+    ESTOP,
+    EXPOSURES,
+    FRAMES,
+    HELLO,
+    ORDERS,
+    ROBOT_EVENTS,
+    ROBOT_STATE,
+    SENSORS,
+    SERVER_BEAT,
+    SLAM_BEAT,
+    EStop,
+    Event,
+)
+from snakeslam.runtime.wire import Beat, Estimate, Exposure, Hello, Order
+
+STATE_S, HELLO_S, LAST_HOLD_S = 0.05, 0.2, 0.4
+LAG_NS, PATIENCE_S, FIRST_PATIENCE_S = 300_000_000, 1.0, 20.0
+"""A simulator that is this far ahead of slam's pictures waits, as long as slam gets on within PATIENCE_S; for the first
+picture it waits FIRST_PATIENCE_S, while processes start."""
+ORDERS_KEPT = 256
+_log = structlog.get_logger("robot")
+
+
+@dataclass(slots=True)
+class Inbox:
+    """What came from the bus and has not been taken; filled in the bus's threads."""
+
+    wake: threading.Event
+    urgent: deque[Order]
+    orders: deque[Order]
+    beats: deque[tuple[str, Beat]]
+    estimates: deque[Estimate]
+
+    def put_urgent(self, order: Order) -> None:
+        """Take an E-stop."""
+        self.urgent.append(order)
+        self.wake.set()
+
+    def put_order(self, order: Order) -> None:
+        """Take a command."""
+        self.orders.append(order)
+        self.wake.set()
+
+
+def _inbox(bus: Bus) -> Inbox:
+    inbox = Inbox(threading.Event(), deque(), *(deque(maxlen=kept) for kept in (ORDERS_KEPT, ORDERS_KEPT, 1)))
+    bus.subscribe(ESTOP, inbox.put_urgent)
+    bus.subscribe(ORDERS, inbox.put_order)
+    bus.subscribe(SERVER_BEAT, lambda beat: inbox.beats.append((SERVER, beat)))
+    bus.subscribe(SLAM_BEAT, lambda beat: inbox.beats.append((SLAM, beat)))
+    bus.subscribe(ESTIMATES, inbox.estimates.append)
+    return inbox
+
+
+class RobotNode:
+    """One robot on one bus; ``turn`` does what is due and says how long nothing is."""
+
+    def __init__(self, robot: Robot, bus: Bus, hello: Hello) -> None:
+        self._robot, self._bus, self._hello = robot, bus, hello
+        self._inbox, self._time = _inbox(bus), RobotTime(simulated=hello.simulated)
+        self._due_s = self._state_s = self._hello_s = monotonic()
+        self._t_slam_ns: int | None = None
+        self._patient_until_s = monotonic() + FIRST_PATIENCE_S
+
+    def turn(self) -> bool:
+        """Wait for commands until the next control period, then do it; False at the backend's end."""
+        self._inbox.wake.wait(max(0.0, self._due_s - monotonic()))
+        self._inbox.wake.clear()
+        self._robot.safety.turn(monotonic_ns())
+        self._time.turn(monotonic_ns(), self._robot.backend.t_ns)
+        self._take()
+        now_s = monotonic()
+        if now_s >= self._due_s and not self._slam_lags(now_s):
+            if not self._step():
+                return False
+            self._due_s = monotonic() + self._robot.pacer.wait_s(self._robot.backend.t_ns)
+        elif now_s >= self._due_s:
+            self._due_s = now_s + 0.005
+        if now_s >= self._state_s:
+            self.report()
+        if now_s >= self._hello_s:
+            self._hello_s = now_s + HELLO_S
+            self._bus.publish(HELLO, self._newest_hello())
+        return True
+
+    def report(self) -> None:
+        """Publish the state now."""
+        self._state_s = monotonic() + STATE_S
+        self._bus.publish(ROBOT_STATE, self._robot.state(monotonic_ns()))
+
+    def _newest_hello(self) -> Hello:
+        robot = self._robot
+        return replace(self._hello, stamp_ns=monotonic_ns(), t_ns=robot.backend.t_ns, last_pose=robot.last_pose)
+
+    def _take(self) -> None:
+        """Take what came: E-stops first, and at most as many commands as fit into the queue."""
+        answered = False
+        for queue in (self._inbox.urgent, self._inbox.orders):
+            for _ in range(len(queue)):
+                self._obey(queue.popleft())
+                answered = True
+                while self._inbox.urgent:
+                    self._obey(self._inbox.urgent.popleft())
+        for _ in range(len(self._inbox.beats)):
+            name, beat = self._inbox.beats.popleft()
+            clock_ns = monotonic_ns()
+            stamp_ns = self._time.of_stamp(beat.stamp_ns, clock_ns)
+            self._robot.safety.beat(name, stamp_ns, self._time.at(clock_ns))
+            self._note_progress(beat)
+        if self._inbox.estimates:
+            self._robot.hear(self._inbox.estimates.popleft())
+        if answered:
+            self.report()
+
+    def _obey(self, order: Order) -> None:
+        try:
+            command = command_of(order)
+        except WireError as error:
+            _log.warning("dropped", reason=str(error))
+            return
+        clock_ns = monotonic_ns()
+        order = replace(order, stamp_ns=self._time.of_stamp(order.stamp_ns, clock_ns))
+        self._robot.obey(order, command, self._time.at(clock_ns))
+        if isinstance(command, EStop):
+            self.report()
+
+    def _step(self) -> bool:
+        clock_ns = monotonic_ns()
+        step = self._robot.step(self._time.at(clock_ns), clock_ns)
+        if step is None:
+            return False
+        self._bus.publish(SENSORS, step.sensors)
+        for frame in step.frames:
+            self._bus.publish(FRAMES, frame)
+        take_shots = getattr(self._robot.backend, "take_shots", None)
+        for shot in take_shots() if take_shots is not None else ():
+            self._bus.publish(
+                EXPOSURES,
+                Exposure(self._robot.boot, shot.t_ns, shot.seq, shot.T_W_base, shot.q_rad, shot.T_WI, shot.w_C),
+            )
+        return True
+
+    def _note_progress(self, beat: Beat) -> None:
+        if beat.t_frame_ns is not None and beat.t_frame_ns != self._t_slam_ns:
+            self._t_slam_ns, self._patient_until_s = beat.t_frame_ns, monotonic() + PATIENCE_S
+
+    def _slam_lags(self, now_s: float) -> bool:
+        """Whether simulated time has to wait for the estimator; a real robot's never does, nor for a frozen one."""
+        if not self._hello.simulated or now_s > self._patient_until_s:
+            return False
+        reached_ns = self._robot.t_start_ns if self._t_slam_ns is None else self._t_slam_ns
+        return self._robot.backend.t_ns - reached_ns > LAG_NS
+
+
+def run_robot(spec: SessionSpec, link: Link, life: Life) -> None:
+    """Run the robot node until its life ends; it leaves the robot in a hold."""
+    parts = Supervisor(_tell_of_part)
+    try:
+        if spec.build is None and spec.recording is None:
+            # It takes as long to build as the simulator itself: both at the same time.
+            parts.start("camera", lambda: camera_process(spec.config, replace(link, listens=False)))
+        with closing(_build(spec)) as backend, closing(Bus(link, wanted=lambda: not life.over)) as bus:
+            robot = _robot(spec, backend, bus)
+            _go_on(RobotNode(robot, bus, _hello(spec, robot)), robot, life)
+    finally:
+        parts.close()
+
+
+def _robot(spec: SessionSpec, backend: Backend, bus: Bus) -> Robot:
+    control = build_control(spec.config, backend)
+    if control is None:
+        raise InputError("the robot node", "a recording has no robot", "a simulator or a real robot")
+
+    def say(event: Event) -> None:
+        bus.publish(ROBOT_EVENTS, event)
+
+    boot, latched, autostart = uuid4().hex[:16], spec.estop_reason, spec.autostart
+    return Robot(spec.config, backend, control, say, boot=boot, estop_reason=latched, autostart=autostart)
+
+
+def _hello(spec: SessionSpec, robot: Robot) -> Hello:
+    backend, config = robot.backend, spec.config
+    simulated = hasattr(backend, "take_shots")
+    return Hello(robot.boot, 0, backend.t_ns, backend.rig, config.robot, config.run.seed, simulated)
+
+
+def _go_on(node: RobotNode, robot: Robot, life: Life) -> None:
+    """Run until the life is over, and a little longer to come to rest."""
+    while not life.over:
+        if not node.turn():
+            return
+    robot.stop_now("the robot node ends")
+    end_s = monotonic() + LAST_HOLD_S
+    while monotonic() < end_s:
+        if not node.turn():
+            return
+
+
+def _build(spec: SessionSpec) -> Backend:
+    if spec.build is not None:
+        return spec.build(spec)
+    if spec.recording is not None:
+        return build_backend(spec.config, spec.recording)
+    return build_simulator(spec.config, "elsewhere")
+
+
+def _tell_of_part(name: str, reason: str, final: bool) -> None:
+    _log.error("a part of the robot node ended", part=name, reason=reason, final=final)

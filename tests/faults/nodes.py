@@ -1,0 +1,140 @@
+"""Real robot and slam processes on a real bus, and what reached the servos as the robot itself tells it."""
+
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+
+from snakeslam.config import Config
+from snakeslam.messages import MapChunk
+from snakeslam.robot.model import RobotSettings
+from snakeslam.runtime.bus import Bus
+from snakeslam.runtime.clock import RobotClock
+from snakeslam.runtime.link import Link, unix_endpoint
+from snakeslam.runtime.node import Child, spawn
+from snakeslam.runtime.orders import Sender
+from snakeslam.runtime.robot_node import run_robot
+from snakeslam.runtime.slam_node import run_slam
+from snakeslam.runtime.spec import SessionSpec
+from snakeslam.runtime.topics import (
+    CHUNKS,
+    ESTOP,
+    ORDERS,
+    ROBOT_STATE,
+    SENSORS,
+    SLAM_STATE,
+    Command,
+    EStop,
+    RobotState,
+    SlamState,
+)
+from snakeslam.runtime.wire import Order, Sensors
+from tests.server.still_robot import still_robot
+
+CONFIG = Config(robot=RobotSettings(model="orthogonal24"))
+HOLD_NS, BRAKE_STEPS = 360_000_000, 16
+"""A silence is noticed after 300 ms (and the way of two messages); the fastest joint brakes in 15 steps of 10 ms."""
+
+
+def wait_for(condition: Callable[[], object], timeout_s: float = 60.0) -> None:
+    until = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < until, "it did not happen in time"
+        time.sleep(0.02)
+
+
+class Nodes:
+    """A robot node that listens, a slam node, and somebody who hears everything and may command."""
+
+    def __init__(self, folder: Path) -> None:
+        self.endpoint = unix_endpoint(folder)
+        self.link = Link(self.endpoint)
+        robot = Link(self.endpoint, listens=True)
+        self.robot: Child = spawn("robot", run_robot, SessionSpec(CONFIG, build=still_robot), robot)
+        self.start_slam()
+        self.bus = Bus(self.link)
+        self.lock = threading.Lock()
+        self.steps: list[tuple[int, np.ndarray]] = []
+        self.states: list[RobotState] = []
+        self.slam_states: list[SlamState] = []
+        self.chunks: dict[int, MapChunk] = {}
+        self.clock = RobotClock()
+        self.sender = Sender()
+        self.bus.subscribe(SENSORS, self._on_sensors)
+        self.bus.subscribe(ROBOT_STATE, self.states.append)
+        self.bus.subscribe(SLAM_STATE, self.slam_states.append)
+        self.bus.subscribe(CHUNKS, lambda chunk: self.chunks.update({chunk.key: chunk}))
+
+    def start_slam(self) -> None:
+        self.slam: Child = spawn("slam", run_slam, CONFIG, self.link)
+
+    def close(self) -> None:
+        self.bus.close()
+        for child in (self.robot, self.slam):
+            if child.process.is_alive():
+                os.kill(child.process.pid or 0, signal.SIGCONT)
+            child.stop()
+
+    def order(self, command: Command, stamp_ns: int | None = None) -> Order:
+        """Send ``command``, stamped now or otherwise."""
+        now_ns = self.clock.now_ns()
+        assert now_ns is not None
+        order = self.sender.order(command, now_ns if stamp_ns is None else stamp_ns)
+        self.send(order)
+        return order
+
+    def send(self, order: Order) -> None:
+        self.bus.publish(ESTOP if order.kind == EStop.__name__ else ORDERS, order)
+
+    def answered(self, order: Order) -> str | None:
+        """Wait for the robot's answer; return why it refused."""
+
+        def done() -> bool:
+            return any(a.sender == order.sender and a.done >= order.number for a in self.states[-1].answers)
+
+        wait_for(done)
+        answer = next(a for a in self.states[-1].answers if a.sender == order.sender)
+        return next((refusal.reason for refusal in answer.refusals if refusal.number == order.number), None)
+
+    def rates(self, since_ns: int) -> list[tuple[int, float]]:
+        """Return (stamp, largest step of a joint in rad) of every target since ``since_ns``."""
+        with self.lock:
+            steps = list(self.steps)
+        pairs = pairwise(steps)
+        return [(stamp, float(np.abs(q - before).max())) for (_, before), (stamp, q) in pairs if stamp >= since_ns]
+
+    def assert_held(self, since_ns: int, seconds: float = 0.6) -> None:
+        """The robot moved at ``since_ns``, brakes at once when it must know, and is at rest ever after."""
+        wait_for(lambda: self.steps and self.steps[-1][0] > since_ns + HOLD_NS + int(seconds * 1e9))
+        # On a busy machine the steps come later than every 10 ms.
+        wait_for(lambda: len(self.rates(since_ns + HOLD_NS)) > 3 * BRAKE_STEPS)
+        known = self.rates(since_ns + HOLD_NS)
+        assert all(step == 0.0 for _, step in known[BRAKE_STEPS:]), "it still moves"
+
+    def assert_still(self, seconds: float = 0.3) -> None:
+        """The servos get one and the same target for a while."""
+        since_ns = time.monotonic_ns()
+        wait_for(lambda: self.steps[-1][0] > since_ns + int(seconds * 1e9))
+        assert all(step == 0.0 for _, step in self.rates(since_ns)), "it moves"
+
+    def wait_moving(self, command: Command | None = None) -> None:
+        """Wait until the servos move; ``command`` is repeated meanwhile."""
+        since_ns = time.monotonic_ns()
+
+        def moving() -> bool:
+            if command is not None:
+                self.order(command)
+            return sum(step > 1e-4 for _, step in self.rates(since_ns)) > 20
+
+        wait_for(moving)
+
+    def _on_sensors(self, sensors: Sensors) -> None:
+        self.clock.hear(sensors.stamp_ns)
+        if sensors.target is not None:
+            with self.lock:
+                self.steps.append((sensors.stamp_ns, sensors.target.q_rad))

@@ -1,0 +1,246 @@
+"""The fault table: real processes are killed, frozen and fed nonsense; asserted is what reached the servos.
+
+The robot node's stamps are this machine's monotonic clock, so what it did is put in order with what was done to it.
+"""
+
+import os
+import signal
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import httpx
+import numpy as np
+import pytest
+
+from snakeslam.cli import main as cli
+from snakeslam.errors import SnakeslamError
+from snakeslam.messages import GaitCommand
+from snakeslam.runtime.driving import SILENT_HAND
+from snakeslam.runtime.health import check
+from snakeslam.runtime.safety import FROZEN, LOST, SERVER, SLAM
+from snakeslam.runtime.topics import Drive, EStop, ResetEStop, SetGait, Start, Stop
+from tests.faults.nodes import HOLD_NS, Nodes, wait_for
+from tests.server.running import START_S, Running, start
+
+STALE_NS = 400_000_000
+
+
+@pytest.fixture(scope="module")
+def nodes(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Nodes]:
+    nodes = Nodes(tmp_path_factory.mktemp("bus"))
+    yield nodes
+    nodes.close()
+
+
+class Site:
+    """The nodes, and a server that may come and go."""
+
+    def __init__(self, nodes: Nodes, folder: Path) -> None:
+        self.nodes, self.folder = nodes, folder
+        self.server: Running = start(folder, bus=nodes.endpoint)
+
+    def restart(self) -> None:
+        self.server = start(self.folder, bus=self.nodes.endpoint)
+
+    def post(self, path: str) -> httpx.Response:
+        with self.server.client() as client:
+            return client.post(f"/api/v1{path}")
+
+    def get(self, path: str) -> dict:
+        with self.server.client() as client:
+            return client.get(f"/api/v1{path}").json()
+
+    def running(self) -> bool:
+        return self.get("/state")["session"] == "running"
+
+    def moving(self) -> None:
+        """Have the robot move, by order of the page."""
+        wait_for(self.running, START_S)
+        wait_for(lambda: self.get("/map")["points"] > 0, START_S)
+        wait_for(lambda: self.post("/gait/start").status_code == 200, START_S)
+        self.nodes.wait_moving()
+
+
+@pytest.fixture(scope="module")
+def site(nodes: Nodes, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
+    site = Site(nodes, tmp_path_factory.mktemp("site"))
+    yield site
+    site.server.stop()
+
+
+@pytest.fixture
+def moving(site: Site) -> Iterator[Site]:
+    site.moving()
+    yield site
+    site.post("/estop/reset")
+    site.post("/gait/stop")
+
+
+def test_a_killed_server_leaves_a_held_robot_and_the_next_one_finds_the_map(moving: Site) -> None:
+    points, pid = moving.get("/map")["points"], moving.server.process.pid
+    killed_ns = time.monotonic_ns()
+    os.kill(pid, signal.SIGKILL)
+    moving.nodes.assert_held(killed_ns)
+    assert moving.nodes.states[-1].held_because == LOST[SERVER]
+    moving.server.stop()
+    moving.restart()
+    wait_for(moving.running, START_S)
+    wait_for(lambda: moving.get("/map")["points"] >= points)
+    moving.nodes.assert_still()
+    assert not moving.get("/state")["moving"]
+    moving.moving()
+
+
+def test_a_frozen_server_leaves_a_held_robot_that_stays_where_it_is_when_it_thaws(moving: Site) -> None:
+    frozen_ns = time.monotonic_ns()
+    os.kill(moving.server.process.pid, signal.SIGSTOP)
+    try:
+        moving.nodes.assert_held(frozen_ns)
+    finally:
+        os.kill(moving.server.process.pid, signal.SIGCONT)
+    wait_for(moving.running)
+    moving.nodes.assert_still()
+    moving.moving()
+
+
+def test_a_killed_slam_holds_the_robot_and_the_next_one_goes_on_where_it_was(moving: Site) -> None:
+    nodes = moving.nodes
+    chunks, pose = dict(nodes.chunks), nodes.slam_states[-1].T_WI
+    assert pose is not None
+    killed_ns = time.monotonic_ns()
+    nodes.slam.process.kill()
+    nodes.assert_held(killed_ns)
+    assert nodes.states[-1].held_because == LOST[SLAM]
+    assert moving.get("/state")["held_because"] == LOST[SLAM]
+    assert moving.post("/gait/start").status_code == 409
+    nodes.slam_states.clear()
+    nodes.start_slam()
+    wait_for(lambda: nodes.slam_states and nodes.slam_states[-1].T_WI is not None, START_S)
+    again = nodes.slam_states[-1].T_WI
+    assert again is not None
+    assert np.linalg.norm(again[:3, 3] - pose[:3, 3]) < 0.05
+    wait_for(lambda: len(nodes.chunks) > len(chunks))
+    assert all(nodes.chunks[key].revision >= chunk.revision for key, chunk in chunks.items())
+    nodes.assert_still()
+    moving.moving()
+
+
+def test_a_frozen_slam_holds_the_robot(moving: Site) -> None:
+    pid, frozen_ns = moving.nodes.slam.process.pid, time.monotonic_ns()
+    assert pid is not None
+    os.kill(pid, signal.SIGSTOP)
+    try:
+        moving.nodes.assert_held(frozen_ns)
+        wait_for(lambda: moving.get("/state")["health"]["verdict"] == "lost")
+    finally:
+        os.kill(pid, signal.SIGCONT)
+    moving.nodes.assert_still()
+    moving.moving()
+
+
+def test_a_frozen_robot_is_told_and_does_nothing_late_when_it_thaws(moving: Site) -> None:
+    nodes, pid = moving.nodes, moving.nodes.robot.process.pid
+    assert pid is not None
+    os.kill(pid, signal.SIGSTOP)
+    try:
+        wait_for(lambda: "silent" in (moving.get("/state")["message"] or ""))
+        late = nodes.order(SetGait(GaitCommand(0, "pedal")))
+        time.sleep(0.4)
+    finally:
+        thawed_ns = time.monotonic_ns()
+        os.kill(pid, signal.SIGCONT)
+    refusal = nodes.answered(late)
+    assert refusal is not None
+    assert "old" in refusal
+    wait_for(lambda: moving.get("/state")["message"] is None)
+    nodes.assert_held(thawed_ns - HOLD_NS)
+    assert nodes.states[-1].held_because == FROZEN
+    moving.moving()
+
+
+def test_an_estop_latches_at_once_under_a_flood_of_commands(moving: Site) -> None:
+    nodes = moving.nodes
+    for k in range(2000):
+        last = nodes.order(SetGait(GaitCommand(0, "serpentine", alpha_pi=0.3 + 0.0001 * (k % 100))))
+        if k == 1000:
+            stop = nodes.order(EStop("under flood"))
+    assert nodes.answered(stop) is None
+    wait_for(lambda: any(state.estop_reason is not None for state in nodes.states))
+    latched = next(state for state in list(nodes.states) if state.estop_reason is not None)
+    assert latched.estop_reason == "under flood"
+    flood = next(answer for answer in latched.answers if answer.sender == nodes.sender.name)
+    assert flood.done < last.number, "it was latched only after the flood was worked through"
+    nodes.assert_held(latched.stamp_ns - HOLD_NS)
+    nodes.answered(last)
+    assert moving.post("/gait/start").status_code == 409
+    assert nodes.answered(nodes.order(Start())) is not None
+    assert nodes.answered(nodes.order(Drive(1.0))) is not None
+    nodes.assert_still()
+    assert nodes.answered(nodes.order(ResetEStop())) is None
+    nodes.assert_still()
+
+
+def test_a_hand_that_falls_silent_leaves_a_held_robot(site: Site) -> None:
+    """As with a key-up that is lost, or a network that is cut behind the server."""
+    nodes = site.nodes
+    wait_for(site.running, START_S)
+    nodes.wait_moving(Drive(1.0, 0.5))
+    silent_ns = time.monotonic_ns()
+    nodes.assert_held(silent_ns)
+    assert not nodes.states[-1].moving
+    assert nodes.states[-1].held_because == SILENT_HAND
+    site.moving()
+    site.post("/gait/stop")
+
+
+def test_what_must_not_be_obeyed_changes_nothing(moving: Site) -> None:
+    """Orders that are stale, early, not of numbers, or overtaken by a later one of their sender."""
+    nodes = moving.nodes
+    now_ns = nodes.clock.now_ns()
+    assert now_ns is not None
+    other = SetGait(GaitCommand(0, "sidewinding"))
+    for word, command, stamp_ns in (
+        ("old", other, now_ns - STALE_NS),
+        ("future", other, now_ns + 10**10),
+        ("no number", SetGait(GaitCommand(0, "sidewinding", turn=float("nan"))), None),
+        ("no number", SetGait(GaitCommand(0, "sidewinding", period_s=float("inf"))), None),
+        ("no number", Drive(float("nan")), None),
+        ("old", Drive(-1.0), now_ns - STALE_NS),
+    ):
+        assert word in (nodes.answered(nodes.order(command, stamp_ns)) or "")
+    first = nodes.sender.order(other, now_ns)
+    nodes.answered(nodes.order(SetGait(GaitCommand(0, "serpentine"))))
+    nodes.send(first)
+    nodes.answered(nodes.order(ResetEStop()))
+    assert "later command" in (nodes.answered(first) or "")
+    state = nodes.states[-1]
+    assert state.gait is not None
+    assert (state.gait.gait, state.gait.drive, state.moving) == ("serpentine", 1.0, True)
+
+
+def test_a_message_that_is_none_is_dropped(moving: Site) -> None:
+    nodes = moving.nodes
+    count = len(nodes.states)
+    for data in (b"", b"nonsense", b"\xc1" * 100, b"\x93\x01\x02\x03"):
+        nodes.bus._session.put("snakeslam/robot/orders", data)
+        nodes.bus._session.put("snakeslam/robot/estop", data)
+    nodes.send(replace(nodes.sender.order(Stop(), 0), kind="Explode"))
+    wait_for(lambda: len(nodes.states) > count + 20)
+    assert nodes.states[-1].moving
+    assert nodes.states[-1].estop_reason is None
+
+
+def test_the_health_check_tells_who_is_silent(nodes: Nodes, capsys: pytest.CaptureFixture[str]) -> None:
+    wait_for(lambda: nodes.slam_states)
+    assert cli(["node", "check", "--connect", nodes.endpoint]) == 0
+    assert "alive" in capsys.readouterr().out
+    pid = nodes.slam.process.pid
+    assert pid is not None
+    os.kill(pid, signal.SIGSTOP)
+    try:
+        with pytest.raises(SnakeslamError, match="the slam node is silent"):
+            check(nodes.link, patience_s=0.7)
+    finally:
+        os.kill(pid, signal.SIGCONT)

@@ -1,0 +1,298 @@
+"""The robot's loop with its commands: what reaches the servos, without a bus."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from snakeslam.config import Config, GovernorSettings
+from snakeslam.head.settings import HeadSettings
+from snakeslam.messages import GaitCommand, HeadCommand, Health, Verdict
+from snakeslam.robot.model import RobotSettings
+from snakeslam.runtime import compose
+from snakeslam.runtime.assembly import build_control
+from snakeslam.runtime.driving import LET_GO_FIRST, SILENT_HAND, SILENT_NS
+from snakeslam.runtime.governor import Phase
+from snakeslam.runtime.orders import Sender
+from snakeslam.runtime.robot import Robot
+from snakeslam.runtime.topics import Command, Drive, EStop, Event, ResetEStop, SetGait, SetHead, Start, Stop, Tick
+from snakeslam.runtime.wire import Estimate
+from tests.server.still_robot import StillRobot
+
+CONFIG = Config(robot=RobotSettings(model="orthogonal24"))
+STEP_NS = 10_000_000
+
+
+class Bench:
+    """A robot in this process that needs nobody, and all that it said."""
+
+    def __init__(self, config: Config = CONFIG, required: dict[str, str] | None = None, **options: Any) -> None:
+        self.robot = StillRobot(frame_every=100)
+        self.events: list[Event] = []
+        control = build_control(config, self.robot)
+        assert control is not None
+        self.node = Robot(config, self.robot, control, self.events.append, required=required or {}, **options)
+        self.sender = Sender()
+        self.now_ns = 0
+
+    def take(self, command: Command) -> str | None:
+        return self.node.obey(self.sender.order(command, self.now_ns), command, self.now_ns)
+
+    def steps(self, count: int) -> np.ndarray:
+        """Advance; return the targets that reached the robot."""
+        before = len(self.robot.targets)
+        for _ in range(count):
+            self.now_ns += STEP_NS
+            self.node.step(self.now_ns)
+        return np.array([target.q_rad for target in self.robot.targets[before:]])
+
+    @property
+    def tick(self) -> Tick:
+        return compose.tick(self.node.state(self.now_ns), None, self.sender.name)
+
+
+def test_nothing_moves_before_it_is_told_to() -> None:
+    bench = Bench()
+    still = bench.steps(100)
+    assert np.ptp(still[50:], axis=0).max() == 0.0
+    bench.take(Start())
+    assert bench.tick.moving
+    moving = bench.steps(300)
+    assert np.ptp(moving, axis=0).max() > 0.1
+
+
+def test_autostart_waits_for_the_rest() -> None:
+    bench = Bench(autostart=True)
+    bench.steps(49)
+    assert not any("start" in event.text for event in bench.events)
+    bench.steps(30)
+    assert bench.tick.moving
+
+
+def test_the_estop_holds_within_one_control_step() -> None:
+    bench = Bench()
+    bench.take(Start())
+    q = bench.steps(400)
+    limits = bench.robot.model.limits
+    speed = np.abs(q[-1] - q[-2]) / 0.01
+    assert speed.max() > 0.1
+    bench.take(EStop("test"))
+    assert bench.tick.estop_reason == "test"
+    assert not bench.tick.moving
+    q = np.vstack([q[-1], bench.steps(100)])
+    rates = np.abs(np.diff(q, axis=0)) / 0.01
+    assert np.all(rates[0] <= np.maximum(speed - limits.acceleration_rad_s2 * 0.01, 0.0) + 1e-9)
+    assert rates[20:].max() == 0.0
+
+
+def test_only_a_start_moves_it_after_the_estop() -> None:
+    bench = Bench()
+    bench.take(Start())
+    bench.steps(300)
+    bench.take(EStop("test"))
+    held = bench.steps(100)[-1]
+    for command in (Start(), SetGait(GaitCommand(0, "sidewinding")), ResetEStop(), Stop()):
+        bench.take(command)
+        assert np.array_equal(bench.steps(60), np.tile(held, (60, 1))), command
+    bench.take(Start())
+    q = np.vstack([held, bench.steps(400)])
+    assert np.ptp(q, axis=0).max() > 0.05
+    assert np.abs(np.diff(q, axis=0)).max() / 0.01 <= bench.robot.model.limits.rate_rad_s
+
+
+def test_a_session_that_begins_latched_does_not_autostart() -> None:
+    bench = Bench(autostart=True, estop_reason="from before")
+    q = bench.steps(200)
+    assert np.ptp(q, axis=0).max() == 0.0
+    assert bench.tick.estop_reason == "from before"
+    bench.take(ResetEStop())
+    assert np.ptp(bench.steps(100), axis=0).max() == 0.0
+
+
+def test_every_command_is_counted_and_answered_at_once() -> None:
+    bench = Bench()
+    for number, command in enumerate((Start(), Stop(), EStop("x"), ResetEStop()), 1):
+        bench.take(command)
+        assert bench.tick.commands_done == number
+
+
+def test_a_gait_set_at_rest_is_the_one_that_starts() -> None:
+    bench = Bench()
+    bench.take(SetGait(GaitCommand(0, "sidewinding", drive=1.0, period_s=5.0)))
+    assert np.ptp(bench.steps(100)[50:], axis=0).max() == 0.0
+    assert bench.tick.gait is not None
+    assert (bench.tick.gait.gait, bench.tick.gait.period_s, bench.tick.gait.drive) == ("sidewinding", 5.0, 0.0)
+
+
+def events(bench: Bench) -> list[tuple[str, str]]:
+    return [(event.level, event.text) for event in bench.events]
+
+
+def test_the_head_is_set_while_moving_and_told() -> None:
+    bench = Bench()
+    bench.take(Start())
+    bench.steps(200)
+    bench.take(SetHead(HeadCommand(0, "none", neck_joints=5)))
+    assert bench.tick.head_settings == HeadSettings(neck_joints=5)
+    assert bench.tick.refusals == ()
+    assert ("info", "neck of 5 yaw joints") in events(bench)
+    assert bench.tick.moving
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        SetHead(HeadCommand(0, "steady")),
+        SetHead(HeadCommand(0, neck_joints=99)),
+        SetHead(HeadCommand(0, "none", turn_by_deg=15.0)),
+        SetGait(GaitCommand(0, "flying")),
+        SetGait(GaitCommand(0, "serpentine", alpha_pi=0.7, period_s=0.5)),
+    ],
+)
+def test_what_cannot_be_done_is_told_and_changes_nothing(command: SetHead | SetGait) -> None:
+    bench, untouched = Bench(), Bench()
+    for one in (bench, untouched):
+        one.take(Start())
+        one.steps(200)
+    bench.take(command)
+    tick = bench.tick
+    assert tick.commands_done == 2
+    assert [refusal.number for refusal in tick.refusals] == [2]
+    assert any(level == "error" and tick.refusals[0].reason in text for level, text in events(bench))
+    assert (tick.gait, tick.head_settings) == (untouched.tick.gait, untouched.tick.head_settings)
+    assert np.array_equal(bench.steps(100), untouched.steps(100))
+
+
+def test_a_gait_that_barely_advances_is_told_and_its_period_is_the_window() -> None:
+    bench = Bench()
+    assert bench.tick.notice is None
+    assert bench.node.state(0).period_s == pytest.approx(4.0)
+    bench.take(SetGait(GaitCommand(0, "serpentine", alpha_pi=0.7, wavelength_joints=20, period_s=8.0)))
+    assert bench.tick.notice is not None
+    assert "11 %" in bench.tick.notice
+    assert bench.node.state(0).period_s == pytest.approx(8.0)
+    bench.take(SetGait(GaitCommand(0, "pedal")))
+    assert bench.tick.notice is None
+
+
+def drive_for(bench: Bench, count: int, command: Drive) -> list[str | None]:
+    """Repeat ``command`` ten times a second; return the answers."""
+    answers: list[str | None] = []
+    for _ in range(count):
+        answers.append(bench.take(command))
+        bench.steps(10)
+    return answers
+
+
+def test_the_hand_drives_backwards_and_steers_for_as_long_as_it_goes_on() -> None:
+    bench = Bench()
+    assert set(drive_for(bench, 20, Drive(-0.5, 0.4))) == {None}
+    assert bench.tick.moving
+    assert bench.tick.gait is not None
+    assert (bench.tick.gait.drive, bench.tick.gait.turn) == (-0.5, 0.4)
+    assert np.ptp(bench.steps(10), axis=0).max() > 1e-3
+    assert bench.take(Drive(0.0)) is None
+    assert not bench.tick.moving
+    assert (bench.tick.gait.drive, bench.tick.gait.turn) == (0.0, 0.0)
+    assert [text for _, text in events(bench)] == ["start serpentine", "stop"]
+    bench.steps(200)
+    assert np.ptp(bench.steps(50), axis=0).max() < 1e-9
+
+
+def test_a_silent_hand_holds_the_robot_in_time_and_is_told() -> None:
+    bench = Bench()
+    drive_for(bench, 5, Drive(1.0, 1.0))
+    bench.take(Drive(1.0, 1.0))
+    bench.steps(SILENT_NS // STEP_NS)
+    assert bench.tick.moving
+    bench.steps(1)
+    assert not bench.tick.moving
+    assert bench.tick.gait is not None
+    assert bench.tick.gait.turn == 0.0
+    assert bench.tick.held_because == SILENT_HAND
+    assert ("error", f"held: {SILENT_HAND}; start to move again") in events(bench)
+    bench.steps(15)
+    assert np.ptp(bench.steps(20), axis=0).max() == 0.0, "at rest .45 s after the last word"
+    assert bench.take(Drive(1.0)) is None
+    assert (bench.tick.moving, bench.tick.held_because) == (True, None)
+
+
+def test_a_start_needs_no_hand_and_takes_over_from_one() -> None:
+    bench = Bench()
+    bench.take(Drive(0.5))
+    bench.take(Start())
+    bench.steps(100)
+    assert bench.tick.moving
+    assert bench.tick.gait is not None
+    assert bench.tick.gait.drive == 1.0
+
+
+def test_a_gait_that_is_set_while_driving_keeps_the_drive() -> None:
+    bench = Bench()
+    bench.take(Drive(-0.5, 0.2))
+    bench.take(SetGait(GaitCommand(0, "serpentine", turn=0.1, period_s=5.0)))
+    assert bench.tick.gait is not None
+    assert (bench.tick.gait.drive, bench.tick.gait.turn, bench.tick.gait.period_s) == (-0.5, 0.1, 5.0)
+
+
+def test_a_hand_that_was_on_the_drive_in_a_hold_must_let_go_first() -> None:
+    """Not only the E-stop: no input that was lost and is back again starts a robot by itself."""
+    bench = Bench(required={"slam": "slam is silent"})
+    beat = lambda: bench.node.safety.beat("slam", bench.now_ns, bench.now_ns)  # noqa: E731
+    beat()
+    assert bench.take(Drive(1.0)) is None
+    drive_for(bench, 6, Drive(1.0))
+    assert bench.tick.held_because == "slam is silent"
+    assert not bench.tick.moving
+    beat()
+    assert set(drive_for(bench, 3, Drive(1.0))) == {LET_GO_FIRST}
+    assert np.ptp(bench.steps(20), axis=0).max() == 0.0
+    assert bench.take(Drive(0.0)) is None
+    assert bench.tick.held_because == "slam is silent"
+    beat()
+    assert bench.take(Drive(1.0)) is None
+    assert (bench.tick.moving, bench.tick.held_because) == (True, None)
+
+
+def test_an_estop_refuses_the_hand_until_it_has_been_reset_and_let_go() -> None:
+    bench = Bench()
+    drive_for(bench, 3, Drive(1.0))
+    bench.take(EStop("x"))
+    assert None not in drive_for(bench, 3, Drive(1.0))
+    bench.take(ResetEStop())
+    assert drive_for(bench, 1, Drive(1.0)) == [LET_GO_FIRST]
+    bench.take(Drive(0.0))
+    assert bench.take(Drive(1.0)) is None
+    assert [text for _, text in events(bench)].count("E-stop: x") == 1
+
+
+@pytest.mark.parametrize("command", [Drive(1.5), Drive(1.0, -2.0), Drive(float("nan")), Drive(1.0, float("inf"))])
+def test_a_drive_beyond_its_range_moves_nothing(command: Drive) -> None:
+    bench = Bench()
+    assert bench.take(command) is not None
+    assert not bench.tick.moving
+
+
+def test_a_drive_that_lets_go_is_obeyed_however_late_it_comes() -> None:
+    bench = Bench()
+    drive_for(bench, 5, Drive(1.0))
+    release = Drive(0.0)
+    assert bench.node.obey(bench.sender.order(release, bench.now_ns - 10**9), release, bench.now_ns) is None
+    assert not bench.tick.moving
+
+
+def estimate(bench: Bench, verdict: Verdict, boot: str = "") -> Estimate:
+    return Estimate(boot, bench.now_ns, Health(verdict, (), 150), None)
+
+
+def test_the_governor_throttles_what_is_played_by_what_slam_says() -> None:
+    bench = Bench(CONFIG.model_copy(update={"governor": GovernorSettings(enabled=True)}))
+    for verdict, boot, pace in ((Verdict.GOOD, "", 1.0), (Verdict.BLIND, "of before", 1.0), (Verdict.BLIND, "", 0.35)):
+        for _ in range(40):
+            bench.steps(5)
+            bench.node.hear(estimate(bench, verdict, boot))
+        assert bench.tick.governed is not None
+        assert bench.tick.governed.pace == pytest.approx(pace)
+    assert bench.tick.governed.phase is Phase.SLOW
+    assert bench.node._control.throttle == pytest.approx(0.35)
+    assert Bench().tick.governed is None

@@ -26,7 +26,7 @@ WAVE_TIME_S = 300.0
 """Another gait has another wave, learnt anew: within a gait it hardly changes."""
 SCALE_TIME_S = 3.0
 MAX_STEP = 10.0
-LEAST_SCALE, MOST_SCALE = 0.2, 20.0
+LEAST_SCALE, MOST_SCALE = 1.0, 20.0
 """Less is not believed: the filter's own covariance, too, is in what it is learnt from."""
 MAX_RATIO = 20.0
 SLOW = 7

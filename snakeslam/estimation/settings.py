@@ -76,7 +76,9 @@ class WindowSettings(Settings):
 
     clones: Annotated[int, Field(ge=4, le=30)] = 11
     keyframe_disparity_px: Positive = 12.0
-    """A frame whose features moved less than this since the clone before it leaves the window first."""
+    """A frame whose features moved less than this since the clone before it leaves the window first, without depth."""
+    keyframe_disparity_depth_px: Positive = 3.0
+    """The same with depth."""
     max_landmarks: Annotated[int, Field(ge=0, le=200)] = 30
 
 

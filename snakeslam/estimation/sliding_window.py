@@ -23,6 +23,8 @@ from snakeslam.messages import Float
 
 MAX_REJECTIONS = 2
 MIN_TRACK = 3
+ENOUGH_WITH_DEPTH = 20
+"""So many tracks with depth, and the window counts as one with depth."""
 GAP_ACCEL_M_S2 = 2.0
 GAP_RATE_RAD_S = 1.0
 
@@ -181,7 +183,8 @@ class SlidingWindow:
     def _leaving_clone(self) -> int | None:
         """Return which clone leaves a full window.
 
-        The last but one when little moved since the one before it, else the oldest.
+        The last but one when little moved since the one before it, else the oldest, and with it all tracks that it saw
+        are used. With depth less is enough: no far clones are needed to see a point from two sides.
         """
         if len(self.state.clones) <= self._settings.window.clones:
             return None
@@ -191,7 +194,10 @@ class SlidingWindow:
             return 0
         moved = tracks.xyz[both, -2, :2] - tracks.xyz[both, -3, :2]
         disparity_px = float(np.median(np.hypot(moved[:, 0], moved[:, 1]))) * self._model.focal_px
-        return len(self.state.clones) - 2 if disparity_px < self._settings.window.keyframe_disparity_px else 0
+        window = self._settings.window
+        with_depth = np.count_nonzero(tracks.has_depth) >= ENOUGH_WITH_DEPTH
+        least_px = window.keyframe_disparity_depth_px if with_depth else window.keyframe_disparity_px
+        return len(self.state.clones) - 2 if disparity_px < least_px else 0
 
     def _ripe(self, living: NDArray[np.bool_], oldest_leaves: bool) -> NDArray[np.bool_]:
         """Return the living tracks to use now: those that the leaving clone saw, and candidates for landmarks."""

@@ -22,6 +22,13 @@ def hat(w: Array) -> Array:
     return out
 
 
+def cross(a: Array, b: Array) -> Array:
+    """Return a x b, (..., 3); numpy's own takes ten times as long on few rows."""
+    ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
+    bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)
+
+
 def vee(W: Array) -> Array:
     """Return the vector of a skew matrix, (..., 3, 3) -> (..., 3)."""
     return np.stack([W[..., 2, 1], W[..., 0, 2], W[..., 1, 0]], axis=-1)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from snakeslam.geometry import so3
 from snakeslam.messages import Float
 from snakeslam.robot.ground import Ground, level
 from snakeslam.robot.kinematics import link_poses_from_imu
@@ -97,11 +98,13 @@ def sliding_velocity(
     u_I = contact_velocities(model, Ts_IL, dq_rad_s, w_I, link, points)
     metric = _metric(Ts_IL[link, :3, 0], ground.normal_I, ratio)
     v_I = np.zeros(3) if guess_I is None else guess_I
+    # What the weights are summed with in every round, as rows.
+    metric_rows, pull_rows = metric.reshape(-1, 9), np.einsum("cij,cj->ci", metric, u_I)
     for _ in range(ROUNDS):
         slip = v_I + u_I
-        weighed = metric * (loads / np.sqrt(np.einsum("ci,ci->c", slip, slip) + SLIP_M_S**2))[:, None, None]
-        after = np.linalg.solve(weighed.sum(axis=0), -np.einsum("cij,cj->i", weighed, u_I))
-        moved, v_I = float(np.max(np.abs(after - v_I))), after
+        weights = loads / np.sqrt((slip * slip).sum(axis=1) + SLIP_M_S**2)
+        after = np.linalg.solve((weights @ metric_rows).reshape(3, 3), -(weights @ pull_rows))
+        moved, v_I = float(np.abs(after - v_I).max()), after
         if moved < ENOUGH_M_S:
             break
     slip = v_I + u_I
@@ -120,9 +123,9 @@ def contact_velocities(
     # From the head backwards: the turn of link k against the head, and the velocity of its frame.
     spin = -axes_I * dq_rad_s[:, None]
     w_links = np.concatenate([np.cumsum(spin[::-1], axis=0)[::-1], np.zeros((1, 3))])
-    moment = -np.cross(spin, Ts_IL[1:, :3, 3])
+    moment = -so3.cross(spin, Ts_IL[1:, :3, 3])
     shift = np.concatenate([np.cumsum(moment[::-1], axis=0)[::-1], np.zeros((1, 3))])
-    return shift[link] + np.cross(w_links[link] + w_I, points_I)
+    return shift[link] + so3.cross(w_links[link] + w_I, points_I)
 
 
 def _metric(axes_I: Float, normal_I: Float, ratio: float) -> Float:

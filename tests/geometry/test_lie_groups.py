@@ -135,3 +135,9 @@ def test_yaw_is_that_of_zyx(yaw: float, tilt: np.ndarray) -> None:
     R = Rotation.from_euler("ZYX", [yaw, *tilt]).as_matrix()
     np.testing.assert_allclose(so3.yaw(R), yaw, atol=1e-12)
     np.testing.assert_allclose(so3.from_yaw(yaw), Rotation.from_euler("z", yaw).as_matrix(), atol=1e-12)
+
+
+def test_cross_is_numpys() -> None:
+    a, b = np.random.default_rng(0).normal(size=(2, 7, 3))
+    np.testing.assert_allclose(so3.cross(a, b), np.cross(a, b), atol=1e-15)
+    np.testing.assert_allclose(so3.cross(a, b[0]), np.cross(a, b[0]), atol=1e-15)

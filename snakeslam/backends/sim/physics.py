@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pybullet
 
-from snakeslam.backends.sim.friction import CoulombFriction, cross
+from snakeslam.backends.sim.friction import CoulombFriction
 from snakeslam.backends.sim.settings import PhysicsSettings
 from snakeslam.errors import BackendError
 from snakeslam.geometry import se3, so3
@@ -202,7 +202,7 @@ class SnakePhysics:
         rows = np.array([(*c[5], *c[7], c[9]) for c in contacts])
         point_W, normal_W, load_n = rows[:, :3], rows[:, 3:6], rows[:, 6]
         twist_W = self._slow_twist_W[link]
-        velocity_W = twist_W[:, :3] + cross(twist_W[:, 3:], point_W - self._com_W[link])
+        velocity_W = twist_W[:, :3] + so3.cross(twist_W[:, 3:], point_W - self._com_W[link])
         forces_W = self._friction.forces(load_n, velocity_W, normal_W, _x_axes(self._quat_xyzw)[link])
         for contact, force in zip(contacts, forces_W.tolist(), strict=True):
             pybullet.applyExternalForce(

@@ -118,7 +118,12 @@ def matrix_from_quat_wxyz(q_wxyz: Array) -> Array:
 def from_yaw(yaw_rad: Array | float) -> Array:
     """Return the rotation about z by ``yaw_rad``, (...) -> (..., 3, 3)."""
     yaw = np.asarray(yaw_rad, dtype=np.float64)
-    return exp(np.stack([np.zeros_like(yaw), np.zeros_like(yaw), yaw], axis=-1))
+    out = np.zeros((*yaw.shape, 3, 3))
+    out[..., 0, 0] = out[..., 1, 1] = np.cos(yaw)
+    out[..., 1, 0] = np.sin(yaw)
+    out[..., 0, 1] = -out[..., 1, 0]
+    out[..., 2, 2] = 1.0
+    return out
 
 
 def yaw(R: Array) -> Array:

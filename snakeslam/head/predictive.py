@@ -80,8 +80,8 @@ class PredictiveNeck:
 
     def _wanted(self, errors: LineErrors, eager: float) -> Float:
         sideways = -LATERAL_GAIN_RAD_S * errors.lateral_m + self.sway.correction_m_s
-        sideways = np.clip(sideways, -LATERAL_MOST_M_S, LATERAL_MOST_M_S)
-        turn = np.clip(-YAW_GAIN_RAD_S * errors.yaw_rad, -YAW_MOST_RAD_S, YAW_MOST_RAD_S)
+        sideways = min(max(sideways, -LATERAL_MOST_M_S), LATERAL_MOST_M_S)
+        turn = min(max(-YAW_GAIN_RAD_S * errors.yaw_rad, -YAW_MOST_RAD_S), YAW_MOST_RAD_S)
         return eager * np.array([self.v_mean_m_s, sideways, turn])
 
 

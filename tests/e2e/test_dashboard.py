@@ -140,7 +140,7 @@ def test_joint_curves_are_drawn_and_move(page: Page) -> None:
 def test_a_gait_is_picked_and_set(page: Page, client: httpx.Client) -> None:
     page.locator('[data-gait="sidewinding"]').click()
     expect(page.locator('[data-gait="sidewinding"]')).to_have_attribute("aria-pressed", "true")
-    assert state(client)["gait"]["name"] == "sidewinding"
+    poll(lambda: state(client)["gait"]["name"], lambda name: name == "sidewinding", "the gait picked")
     period = page.locator("#parameter-period_s")
     period.fill("6.5")
     page.locator("#gait-apply").click()
@@ -150,7 +150,7 @@ def test_a_gait_is_picked_and_set(page: Page, client: httpx.Client) -> None:
     page.locator("#gait-defaults").click()
     page.locator("#stop").click()
     expect(page.locator("#session-state")).to_have_text("At rest")
-    assert not state(client)["moving"]
+    poll(lambda: state(client)["moving"], lambda on: not on, "the robot at rest")
     page.locator("#start").click()
     expect(page.locator("#session-state")).to_have_text("Moving")
 
@@ -170,7 +170,7 @@ def test_the_emergency_stop_latches(dashboard: Dashboard, client: httpx.Client, 
     expect(page.locator("#estop-reset")).to_be_visible()
     expect(page.locator("#estop-banner")).to_contain_text("latched")
     expect(page.locator("#start")).to_be_disabled()
-    assert state(client)["estop"]["latched"]
+    poll(lambda: state(client)["estop"]["latched"], bool, "the latch")
     if way != "button":
         client.post("/api/v1/estop/reset")
         return

@@ -150,7 +150,7 @@ def test_the_estop_latches_and_reset_does_not_move(page: Page, client: httpx.Cli
     page.locator("#estop").click()
     expect(page.locator("#estop-banner")).to_contain_text("latched")
     expect(page.locator('[data-drive="forward"]')).to_be_disabled()
-    assert not moving(client)
+    poll(lambda: moving(client), lambda on: not on, "the robot at rest")
     picture(page, "stopped")
     page.locator("#estop-reset").click()
     expect(page.locator("#estop-banner")).to_be_hidden()

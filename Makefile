@@ -57,7 +57,7 @@ $(VENV)/.synced: requirements.lock pyproject.toml | $(UV)
 
 .PHONY: render-libraries
 render-libraries:
-	$(call need,ldconfig -p | grep -q libEGL.so.1 && ldconfig -p | grep -q libEGL_mesa,libegl1 libegl-mesa0 libgl1-mesa-dri,rendering)
+	$(call need,ldconfig -p | grep -q libEGL.so.1 && ldconfig -p | grep -q libGL.so.1 && ldconfig -p | grep -q libEGL_mesa,libegl1 libegl-mesa0 libgl1 libgl1-mesa-dri,rendering)
 
 .PHONY: browser
 browser:

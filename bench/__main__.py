@@ -17,8 +17,9 @@ from rich.console import Console
 from rich.table import Table
 
 from bench import consistency, live, turn
-from snakeslam.backends.sim.camera import Camera, Renderer
+from snakeslam.backends.sim.camera import Camera
 from snakeslam.backends.sim.physics import SnakePhysics
+from snakeslam.backends.sim.renderer import Renderer
 from snakeslam.config import load_config
 from snakeslam.control import Control
 from snakeslam.estimation import sliding_window
@@ -40,7 +41,7 @@ WARM_UP_S = 1.0
 STAGES: tuple[tuple[Any, str, str, float | None], ...] = (
     (Control, "step", "control, one 100 Hz step", 0.5),
     (SnakePhysics, "step", "simulator: one physics step", 1.3),
-    (Renderer, "render", "simulator: one picture drawn", 40.0),
+    (Renderer, "render", "simulator: one picture drawn", 10.0),
     (Camera, "expose", "simulator: its noise, blur, holes", 5.0),
     (Frontend, "process", "estimator: front-end", None),
     (State, "propagate", "estimator: propagation", None),

@@ -21,8 +21,6 @@ def camera_process(config: Config, link: Link) -> Child:
 
 def run_camera(config: Config, link: Link, life: Life) -> None:
     """Draw what the robot node asks for until the life ends."""
-    from snakeslam.backends.sim.backend import Shot
-
     scene = build_scene(config)
     bus = Bus(link, wanted=lambda: not life.over)
     wanted: queue.Queue[Exposure] = queue.Queue()
@@ -35,8 +33,7 @@ def run_camera(config: Config, link: Link, life: Life) -> None:
                 continue
             while wanted.qsize() >= WAITING:
                 exposure = wanted.get()
-            e = exposure
-            bus.publish(FRAMES, scene.expose(Shot(e.t_ns, e.seq, e.T_W_base, e.q_rad, e.T_WI, e.w_C)))
+            bus.publish(FRAMES, scene.expose(exposure.shot))
     finally:
         bus.close()
         scene.close()

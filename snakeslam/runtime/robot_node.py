@@ -161,10 +161,7 @@ class RobotNode:
             self._bus.publish(FRAMES, frame)
         take_shots = getattr(self._robot.backend, "take_shots", None)
         for shot in take_shots() if take_shots is not None else ():
-            self._bus.publish(
-                EXPOSURES,
-                Exposure(self._robot.boot, shot.t_ns, shot.seq, shot.T_W_base, shot.q_rad, shot.T_WI, shot.w_C),
-            )
+            self._bus.publish(EXPOSURES, Exposure(self._robot.boot, shot))
         return True
 
     def _note_progress(self, beat: Beat) -> None:

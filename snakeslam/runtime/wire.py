@@ -5,9 +5,9 @@
 
 from dataclasses import dataclass
 
+from snakeslam.backends.sim.shot import Shot
 from snakeslam.calibration import SensorRig
 from snakeslam.messages import (
-    Float,
     GaitCommand,
     GroundTruth,
     HeadCommand,
@@ -89,12 +89,7 @@ class Sensors:
 
 @dataclass(frozen=True, slots=True)
 class Exposure:
-    """A picture to be drawn by the simulator's camera: the tail link's pose, the joints, the IMU and its turn in C."""
+    """A picture of ``boot``'s run, to be drawn by the simulator's camera."""
 
     boot: str
-    t_ns: int
-    seq: int
-    T_W_base: Float
-    q_rad: Float
-    T_WI: Float
-    w_C: Float
+    shot: Shot

@@ -150,10 +150,8 @@ def test_a_wall_stops_it_and_the_friction_law_acts_there_too(make):
     assert physics.head_state()[0][0, 3] < SHORT.length_m + 0.1 - SHORT.joint_length_m / 2 + 0.02
 
 
-def test_it_can_use_a_client_that_is_given_and_closes_twice():
-    client = pybullet.connect(pybullet.DIRECT)
-    physics = SnakePhysics(SHORT, PhysicsSettings(), client_id=client)
-    assert physics.client_id == client
+def test_it_closes_twice():
+    physics = SnakePhysics(SHORT, PhysicsSettings())
     physics.close()
     physics.close()
     with pytest.raises(BackendError, match="closed"):

@@ -1,35 +1,16 @@
-"""The simulated camera: exact pinhole, metric depth, and a sensor's blur, noise, range and holes."""
+"""The simulated camera's sensor: blur, noise, range and holes."""
 
 import numpy as np
-import pybullet
 import pytest
-import structlog
 
-from snakeslam.backends.sim import camera
-from snakeslam.backends.sim.camera import HEIGHT_PX, WIDTH_PX, Camera, Render, Renderer, camera_calibration
+from snakeslam.backends.sim.camera import Camera, camera_calibration
+from snakeslam.backends.sim.renderer import HEIGHT_PX, WIDTH_PX, Render
 from snakeslam.backends.sim.settings import CameraSettings
 from snakeslam.robot.model import PRESETS
 
 CALIBRATION = camera_calibration(CameraSettings(), PRESETS["sim35"])
 FX, FY, CX, CY = CALIBRATION.intrinsics
 CLEAN = CameraSettings(noise_grey_levels=0, depth_noise_m=0, depth_noise_per_m=0)
-T_WC = np.array([[0.0, 0.0, 1.0, 0.3], [-1.0, 0.0, 0.0, -0.2], [0.0, -1.0, 0.0, 0.5], [0.0, 0.0, 0.0, 1.0]])
-"""Looks along x of W."""
-
-
-@pytest.fixture
-def scene():
-    client = pybullet.connect(pybullet.DIRECT)
-    renderer = Renderer(client, FX)
-    yield client, renderer
-    renderer.close()
-    pybullet.disconnect(client)
-
-
-def _ball(client, position_C, radius_m, colour):
-    p_W = T_WC[:3, :3] @ position_C + T_WC[:3, 3]
-    shape = pybullet.createVisualShape(pybullet.GEOM_SPHERE, radius=radius_m, rgbaColor=colour, physicsClientId=client)
-    pybullet.createMultiBody(0, -1, shape, p_W.tolist(), physicsClientId=client)
 
 
 def _expose(render, settings, w_C=(0, 0, 0), seed=0):
@@ -42,54 +23,6 @@ def _flat_render(z_m, rgb=None):
     return Render(
         np.dstack([picture, np.full_like(picture[..., 0], 255)]), np.full((HEIGHT_PX, WIDTH_PX), 1.0 / z_m, np.float32)
     )
-
-
-def test_points_appear_where_the_intrinsics_say_at_their_depth(scene):
-    client, renderer = scene
-    points_C = np.array([[0, 0, 1.0], [0.5, -0.35, 1.0], [-0.9, 0.6, 1.5], [1.4, 0.9, 2.0], [-2.6, -1.8, 4.0]])
-    for point_C in points_C:
-        _ball(client, point_C, 0.015 * point_C[2], (1, 1, 1, 1))
-    render = renderer.render(T_WC)
-    for x, y, z in points_C:
-        u, v = FX * x / z + CX, FY * y / z + CY
-        rows, columns = np.mgrid[round(v) - 12 : round(v) + 13, round(u) - 12 : round(u) + 13]
-        near = render.inverse_depth[rows, columns] > 1.0 / (1.2 * z)
-        assert np.hypot(columns[near].mean() - u, rows[near].mean() - v) < 0.5
-        front_m = 1.0 / render.inverse_depth[round(v), round(u)]
-        assert front_m == pytest.approx(z * (1 - 0.015 * z / np.linalg.norm([x, y, z])), abs=0.002 * z)
-
-
-def test_depth_is_along_the_optical_axis_not_the_ray(scene):
-    client, renderer = scene
-    shape = pybullet.createVisualShape(pybullet.GEOM_BOX, halfExtents=[0.1, 9, 9], physicsClientId=client)
-    pybullet.createMultiBody(0, -1, shape, [0.3 + 2.1, 0, 0], physicsClientId=client)
-    depth_m = 1.0 / renderer.render(T_WC).inverse_depth
-    np.testing.assert_allclose(depth_m, 2.0, atol=2e-3)
-
-
-def test_the_driver_stays_off_standard_output(capfd):
-    client = pybullet.connect(pybullet.DIRECT)
-    renderer = Renderer(client, FX)
-    _ball(client, np.array([0, 0, 1.0]), 0.1, (1, 0, 0, 1))
-    renderer.warm_up()
-    renderer.render(T_WC)
-    renderer.close()
-    pybullet.disconnect(client)
-    assert capfd.readouterr().out == ""
-
-
-def test_without_egl_the_slow_renderer_draws_and_a_warning_is_logged(monkeypatch):
-    monkeypatch.setattr(camera, "load_egl", lambda _: -1)
-    client = pybullet.connect(pybullet.DIRECT)
-    with structlog.testing.capture_logs() as logs:
-        renderer = Renderer(client, FX)
-    assert [entry["log_level"] for entry in logs] == ["warning"]
-    _ball(client, np.array([0.2, 0.1, 1.0]), 0.05, (1, 0, 0, 1))
-    near = renderer.render(T_WC).inverse_depth > 0.5
-    rows, columns = np.nonzero(near)
-    assert np.hypot(columns.mean() - FX * 0.2 - CX, rows.mean() - FY * 0.1 - CY) < 1.5
-    renderer.close()
-    pybullet.disconnect(client)
 
 
 @pytest.mark.parametrize("z_m", [0.5, 2.0, 5.0])

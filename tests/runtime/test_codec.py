@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from snakeslam.backends.sim.shot import Shot
 from snakeslam.head.settings import HeadSettings
 from snakeslam.messages import (
     CameraFrame,
@@ -63,7 +64,7 @@ EXAMPLES: dict[type, Any] = {
         (Answer("me", 4, (Refusal(3, "no"),)),),
     ),
     Event: Event(1, "info", "words"),
-    Exposure: Exposure("boot", 1, 2, np.eye(4), Q, np.eye(4), np.zeros(3)),
+    Exposure: Exposure("boot", Shot(1, 2, np.tile(np.eye(4), (3, 1, 1)), np.eye(4), np.zeros(3))),
     CameraFrame: CameraFrame(1, 2, GRAY, None, GRAY.astype(np.float32), 5),
     Beat: Beat("me", 1, None),
     Estimate: Estimate("boot", 4, Health(Verdict.DEGRADED, ("a reason",), 7, 3.5), POSE),

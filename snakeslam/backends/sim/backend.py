@@ -1,18 +1,19 @@
 """The simulator as a backend: physics, IMU, servos and camera on one integer clock."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Literal
 
 import numpy as np
-import pybullet
 
-from snakeslam.backends.sim.camera import Camera, Render, Renderer, camera_calibration
+from snakeslam.backends.sim.camera import Camera, camera_calibration
 from snakeslam.backends.sim.imu import Imu, imu_calibration, interval_means
 from snakeslam.backends.sim.physics import SnakePhysics, pose_with_head_at
-from snakeslam.backends.sim.placing import place_world
+from snakeslam.backends.sim.placing import place_obstacles
+from snakeslam.backends.sim.renderer import Render, Renderer
 from snakeslam.backends.sim.servos import ServoSensors
 from snakeslam.backends.sim.settings import IMU_RATE_HZ, SimSettings
+from snakeslam.backends.sim.shot import Shot
 from snakeslam.backends.sim.worlds import world
 from snakeslam.calibration import SensorRig
 from snakeslam.errors import InputError
@@ -31,18 +32,6 @@ WORLD_STREAM, CAMERA_STREAM, IMU_STREAM = 1, 2, 3
 CameraPlace = Literal["here", "elsewhere", "none"]
 
 
-@dataclass(frozen=True, slots=True)
-class Shot:
-    """What has to be known to make a frame: the snake's tail link and joints, the IMU's pose, the camera's turn."""
-
-    t_ns: int
-    seq: int
-    T_W_base: Float
-    q_rad: Float
-    T_WI: Float
-    w_C: Float
-
-
 class SimBackend:
     """A snake in a world made from ``seed``; W is the world's frame, the head starts over its origin, looking along x.
 
@@ -59,17 +48,13 @@ class SimBackend:
         self._settings = settings
         cam0 = camera_calibration(settings.camera, model)
         self._rig = SensorRig(cam0=cam0, imu0=imu_calibration(settings.imu))
-        client: int = pybullet.connect(pybullet.DIRECT)
         self._has_camera = camera != "none"
-        self._renderer = Renderer(client, cam0.intrinsics[0]) if camera == "here" else None
         self._physics = SnakePhysics(
-            model, settings.physics, settings.friction_ratio, pose_with_head_at(model, 0.0, 0.0), client_id=client
+            model, settings.physics, settings.friction_ratio, pose_with_head_at(model, 0.0, 0.0)
         )
-        place_world(
-            world(settings.world, np.random.default_rng([seed, WORLD_STREAM])), client, pictures=camera == "here"
-        )
-        if self._renderer is not None:
-            self._renderer.warm_up()
+        place = world(settings.world, np.random.default_rng([seed, WORLD_STREAM]))
+        place_obstacles(place.obstacles, self._physics.client_id)
+        self._renderer = Renderer(place, model, cam0.intrinsics[0]) if camera == "here" else None
         self._camera = Camera(settings.camera, cam0.intrinsics, np.random.default_rng([seed, CAMERA_STREAM]))
         self._imu = Imu.switched_on(settings.imu, np.random.default_rng([seed, IMU_STREAM]))
         self._servos = ServoSensors(model.joint_count, 1.0 / CONTROL_RATE_HZ)
@@ -162,9 +147,10 @@ class SimBackend:
         """Render where a frame is due; ``T0_WI`` is the pose one IMU interval ago."""
         if not self._has_camera or (self._imu_count - 1) % (IMU_RATE_HZ // self._settings.camera.rate_hz):
             return None
-        shot = Shot(self.t_ns, self._frame_count, self._physics.Ts_WL[0], self._joints[0], self._pose_WI, np.zeros(3))
+        shot = Shot(self.t_ns, self._frame_count, self._physics.Ts_WL, self._pose_WI, np.zeros(3))
         self._frame_count += 1
-        render = None if self._renderer is None else self._renderer.render(self._pose_WI @ self._rig.cam0.T_IC)
+        T_WC = shot.T_WI @ self._rig.cam0.T_IC
+        render = None if self._renderer is None else self._renderer.render(T_WC, shot.Ts_WL)
         return shot, render, T0_WI
 
     def _end_exposure(self, shot: Shot, render: Render | None, T0_WI: Float) -> Sequence[CameraFrame]:

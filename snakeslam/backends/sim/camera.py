@@ -1,47 +1,21 @@
-"""The RGB-D camera: one exact pinhole render, then motion blur, noise and the gaps of a depth sensor."""
-
-import contextlib
-import ctypes
-import importlib.util
-import os
-from collections.abc import Generator
-from dataclasses import dataclass
-from typing import Any
+"""The RGB-D camera's sensor: from one exact pinhole render, motion blur, noise and the gaps of a depth sensor."""
 
 import cv2
 import numpy as np
-import pybullet
-import structlog
-from numpy.typing import NDArray
 
+from snakeslam.backends.sim.renderer import HEIGHT_PX, WIDTH_PX, Depth, Image, Render
 from snakeslam.backends.sim.settings import CameraSettings
 from snakeslam.calibration import CameraCalibration
-from snakeslam.geometry import se3, so3
+from snakeslam.geometry import so3
 from snakeslam.messages import CameraFrame, Float
 from snakeslam.robot.model import SnakeModel
 
-WIDTH_PX, HEIGHT_PX = 640, 480
-NEAR_M, FAR_M = 0.04, 30.0
-"""Where the picture is cut off; EGL's depth buffer has 16 bits, so a step is z^2 / (65535 near): 1.5 mm at 2 m."""
-LIGHT_W = (0.4, 0.3, 1.0)
-AMBIENT, DIFFUSE = 0.75, 0.4
 EDGE_FRACTION = 0.06
 """A step in depth larger than this fraction of the depth leaves a hole."""
 SMALLEST_BLUR_PX = 0.5
 DEPTH_SCALE, DEPTH_UNITS = 5000.0, 65535
 """Units of the depth image per metre, as in the TUM benchmark, and the most of them: 13.1 m."""
 NOISE_MARGIN_PX = 128
-
-Image = NDArray[np.uint8]
-Depth = NDArray[np.float32]
-
-
-@dataclass(frozen=True, slots=True)
-class Render:
-    """What the optics see at one instant: ``rgba`` (H, W, 4), ``inverse_depth`` (H, W) float32 1/m."""
-
-    rgba: Image
-    inverse_depth: Depth
 
 
 def camera_calibration(settings: CameraSettings, model: SnakeModel) -> CameraCalibration:
@@ -57,56 +31,6 @@ def camera_calibration(settings: CameraSettings, model: SnakeModel) -> CameraCal
             "rate_hz": float(settings.rate_hz),
         }
     )
-
-
-class Renderer:
-    """Draws the bodies of one PyBullet client; make it before any body is loaded."""
-
-    def __init__(self, client_id: int, f_px: float) -> None:
-        self._client = client_id
-        self._plugin = load_egl(client_id)
-        self._kind = pybullet.ER_BULLET_HARDWARE_OPENGL if self._plugin >= 0 else pybullet.ER_TINY_RENDERER
-        if self._plugin < 0:
-            structlog.get_logger().warning("no EGL for the simulator's camera, the slow renderer is used")
-        self._projection = projection_matrix(f_px)
-
-    def warm_up(self) -> None:
-        """Draw twice: the driver then names itself on standard output, where it would disturb."""
-        with _quiet_native_output():
-            for _ in range(2):
-                self.render(np.eye(4))
-
-    def render(self, T_WC: Float) -> Render:
-        """Return the picture from the camera's pose (4, 4), optical frame."""
-        T_GC = se3.inv(T_WC)
-        T_GC[1:3] *= -1.0
-        # PyBullet's own types ask for lists, it takes any sequence.
-        image: Any = pybullet.getCameraImage(
-            WIDTH_PX,
-            HEIGHT_PX,
-            viewMatrix=T_GC.T.ravel().tolist(),
-            projectionMatrix=self._projection,
-            lightDirection=LIGHT_W,
-            lightColor=(1.0, 1.0, 1.0),
-            lightAmbientCoeff=AMBIENT,
-            lightDiffuseCoeff=DIFFUSE,
-            lightSpecularCoeff=0.0,
-            shadow=0,
-            renderer=self._kind,
-            flags=pybullet.ER_NO_SEGMENTATION_MASK,
-            physicsClientId=self._client,
-        )
-        rgba = np.asarray(image[2], dtype=np.uint8).reshape(HEIGHT_PX, WIDTH_PX, 4)
-        buffer = np.asarray(image[3], dtype=np.float32).reshape(HEIGHT_PX, WIDTH_PX)
-        inverse_depth = 1.0 / NEAR_M - buffer * np.float32(1.0 / NEAR_M - 1.0 / FAR_M)
-        return Render(rgba, inverse_depth)
-
-    def close(self) -> None:
-        """Unload the renderer."""
-        if self._plugin >= 0:
-            with _quiet_native_output():
-                pybullet.unloadPlugin(self._plugin, physicsClientId=self._client)
-            self._plugin = -1
 
 
 class Camera:
@@ -169,38 +93,3 @@ class Camera:
         units = np.rint(sensed * np.float32(DEPTH_SCALE))
         units[(units < 0.0) | (units > DEPTH_UNITS)] = 0.0
         return np.asarray(units * np.float32(1.0 / DEPTH_SCALE), np.float32)
-
-
-def projection_matrix(f_px: float) -> list[float]:
-    """Return OpenGL's projection of a pinhole in the picture's middle, 16 numbers by columns."""
-    P = np.zeros((4, 4))
-    P[0, 0], P[1, 1] = 2.0 * f_px / WIDTH_PX, 2.0 * f_px / HEIGHT_PX
-    P[2, 2], P[2, 3] = -(FAR_M + NEAR_M) / (FAR_M - NEAR_M), -2.0 * FAR_M * NEAR_M / (FAR_M - NEAR_M)
-    P[3, 2] = -1.0
-    return P.T.ravel().tolist()
-
-
-def load_egl(client_id: int) -> int:
-    """Load PyBullet's EGL renderer into a client without bodies; return its plugin id, -1 where there is none."""
-    spec = importlib.util.find_spec("eglRenderer")
-    if spec is None or spec.origin is None:
-        return -1
-    with _quiet_native_output():
-        return int(pybullet.loadPlugin(spec.origin, "_eglRendererPlugin", physicsClientId=client_id))
-
-
-@contextlib.contextmanager
-def _quiet_native_output() -> Generator[None]:
-    """Send what native code prints to nowhere: the plugin reports its driver on standard output."""
-    libc = ctypes.CDLL(None)
-    libc.fflush(None)
-    kept = os.dup(1)
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, 1)
-    try:
-        yield
-    finally:
-        libc.fflush(None)
-        os.dup2(kept, 1)
-        os.close(kept)
-        os.close(nowhere)

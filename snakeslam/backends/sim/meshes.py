@@ -68,6 +68,24 @@ def box(centre_W: Sequence[float], size_m: Sequence[float], yaw_rad: float = 0.0
     return merge(sides)
 
 
+def cylinder(radius_m: float, x0_m: float, x1_m: float, sides: int) -> Mesh:
+    """Return a closed cylinder about the x axis, round to the light; its texture shows one colour."""
+    turn = np.linspace(0.0, 2.0 * np.pi, sides, endpoint=False)
+    outward = np.stack([np.zeros(sides), np.cos(turn), np.sin(turn)], axis=-1)
+    back, front = (radius_m * outward + [x_m, 0.0, 0.0] for x_m in (x0_m, x1_m))
+    along = np.array([1.0, 0.0, 0.0])
+    first, second = np.arange(sides), np.roll(np.arange(sides), -1)
+    mantle = [(first, second, second + sides), (first, second + sides, first + sides)]
+    fan = np.arange(1, sides - 1)
+    ends = [(0 * fan, fan + 1, fan), (0 * fan + sides, sides + fan, sides + fan + 1)]
+    return Mesh(
+        np.concatenate([back, front, back, front]),
+        np.concatenate([outward, outward, np.tile(-along, (sides, 1)), np.tile(along, (sides, 1))]),
+        np.zeros((4 * sides, 2)),
+        np.concatenate([np.stack(t, axis=-1) for t in mantle] + [np.stack(t, axis=-1) + 2 * sides for t in ends]),
+    )
+
+
 def rock(
     rng: np.random.Generator, centre_W: Sequence[float], size_m: Sequence[float], tile_m: float, cells: int = 6
 ) -> Mesh:
@@ -108,12 +126,3 @@ def _facets(grid_W: Float, a: Float, b: Float, tile: float, rng: np.random.Gener
         np.stack([coords[k] for k in order], axis=1).reshape(-1, 2),
         np.arange(len(vertices) * 3).reshape(-1, 3),
     )
-
-
-def obj(mesh: Mesh) -> str:
-    """Return ``mesh`` as a Wavefront file."""
-    lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in mesh.vertices_W.tolist()]
-    lines += [f"vt {u:.6f} {v:.6f}" for u, v in mesh.uvs.tolist()]
-    lines += [f"vn {x:.6f} {y:.6f} {z:.6f}" for x, y, z in mesh.normals_W.tolist()]
-    lines += [f"f {a}/{a}/{a} {b}/{b}/{b} {c}/{c}/{c}" for a, b, c in (mesh.triangles + 1).tolist()]
-    return "\n".join(lines) + "\n"

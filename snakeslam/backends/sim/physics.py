@@ -25,8 +25,7 @@ class SnakePhysics:
     """A snake over a plane in its own PyBullet client; deterministic: it has no noise and no clock.
 
     ``T_W_base`` (4, 4) is the tail link's pose at the start, ``q_rad`` (N,) the joint angles (default: at rest).
-    Pass the ``client_id`` of a client without bodies to use it (a renderer plugin must be loaded before any body);
-    other static bodies may be added to the client at any time.
+    Other static bodies may be added to the client at any time.
     """
 
     def __init__(
@@ -36,7 +35,6 @@ class SnakePhysics:
         friction_ratio: float = 3.0,
         T_W_base: Float | None = None,
         q_rad: Float | None = None,
-        client_id: int | None = None,
     ) -> None:
         self.model = model
         self.settings = settings
@@ -45,7 +43,7 @@ class SnakePhysics:
         self._friction = CoulombFriction(
             settings.friction_normal / friction_ratio, settings.friction_normal, settings.friction_slip_m_s
         )
-        self._client: int | None = pybullet.connect(pybullet.DIRECT) if client_id is None else client_id
+        self._client: int | None = pybullet.connect(pybullet.DIRECT)
         q_rad = model.rest_q_rad if q_rad is None else np.asarray(q_rad, dtype=np.float64)
         self._configure()
         self._body_id = self._load_snake(lying_pose(model) if T_W_base is None else T_W_base, q_rad)
@@ -56,7 +54,7 @@ class SnakePhysics:
 
     @property
     def client_id(self) -> int:
-        """PyBullet's client, for bodies and cameras; BackendError after ``close``."""
+        """PyBullet's client, for bodies; BackendError after ``close``."""
         if self._client is None:
             raise BackendError("the simulator is closed")
         return self._client
@@ -120,11 +118,7 @@ class SnakePhysics:
             physicsClientId=client,
         )
         plane = pybullet.createCollisionShape(pybullet.GEOM_PLANE, physicsClientId=client)
-        # The EGL renderer crashes on the picture PyBullet makes of a plane, so it gets a speck under the ground.
-        speck = pybullet.createVisualShape(
-            pybullet.GEOM_SPHERE, radius=1e-3, visualFramePosition=[0.0, 0.0, -1.0], physicsClientId=client
-        )
-        self._ground_id: int = pybullet.createMultiBody(0.0, plane, speck, physicsClientId=client)
+        self._ground_id: int = pybullet.createMultiBody(0.0, plane, physicsClientId=client)
 
     def _load_snake(self, T_W_base: Float, q_rad: Float) -> int:
         client = self.client_id

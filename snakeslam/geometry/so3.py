@@ -7,6 +7,8 @@ Shapes are ``(..., 3)`` for tangent vectors (rad), ``(..., 3, 3)`` for matrices 
 import numpy as np
 from numpy.typing import NDArray
 
+from snakeslam.geometry.compiled import compiled
+
 Array = NDArray[np.float64]
 
 SMALL_ANGLE_RAD = 1e-4
@@ -34,42 +36,65 @@ def vee(W: Array) -> Array:
     return np.stack([W[..., 2, 1], W[..., 0, 2], W[..., 1, 0]], axis=-1)
 
 
-def _rodrigues_factors(angle: Array) -> tuple[Array, Array, Array]:
-    """Return sin(t)/t, (1 - cos t)/t^2 and (t - sin t)/t^3, by series near zero."""
+def _jacobian_factors(angle: Array) -> tuple[Array, Array]:
+    """Return (1 - cos t)/t^2 and (t - sin t)/t^3, by series near zero."""
     small = angle < SMALL_ANGLE_RAD
     t = np.where(small, 1.0, angle)
     a2 = angle * angle
-    first = np.where(small, 1.0 - a2 / 6.0, np.sin(t) / t)
     second = np.where(small, 0.5 - a2 / 24.0, 2.0 * (np.sin(t / 2.0) / t) ** 2)
     third = np.where(small, 1.0 / 6.0 - a2 / 120.0, (t - np.sin(t)) / t**3)
-    return first, second, third
+    return second, third
 
 
 def exp(w: Array) -> Array:
     """Return Exp(w) = I + sin(t)/t [w]x + (1 - cos t)/t^2 [w]x^2 with t = |w|, (..., 3) -> (..., 3, 3)."""
     w = np.asarray(w, dtype=np.float64)
-    first, second, _ = _rodrigues_factors(np.linalg.norm(w, axis=-1))
-    W = hat(w)
-    return np.eye(3) + first[..., None, None] * W + second[..., None, None] * (W @ W)
+    return _exps(_rows(w, 1)).reshape(*w.shape, 3)
+
+
+@compiled
+def _exps(w: Array) -> Array:
+    R = np.empty((len(w), 3, 3))
+    for n in range(len(w)):
+        x, y, z = w[n]
+        t = np.sqrt(x * x + y * y + z * z)
+        if t < SMALL_ANGLE_RAD:
+            first, second = 1.0 - t * t / 6.0, 0.5 - t * t / 24.0
+        else:
+            first, second = np.sin(t) / t, 2.0 * (np.sin(t / 2.0) / t) ** 2
+        R[n, 0, 0] = 1.0 - second * (y * y + z * z)
+        R[n, 1, 1] = 1.0 - second * (x * x + z * z)
+        R[n, 2, 2] = 1.0 - second * (x * x + y * y)
+        R[n, 0, 1], R[n, 1, 0] = second * x * y - first * z, second * x * y + first * z
+        R[n, 0, 2], R[n, 2, 0] = second * x * z + first * y, second * x * z - first * y
+        R[n, 1, 2], R[n, 2, 1] = second * y * z - first * x, second * y * z + first * x
+    return R
 
 
 def log(R: Array) -> Array:
     """Return Log(R) with |Log(R)| in [0, pi], (..., 3, 3) -> (..., 3)."""
-    q = quat_wxyz_from_matrix(R)
-    q = np.where(q[..., :1] < 0.0, -q, q)
-    sine = np.linalg.norm(q[..., 1:], axis=-1)
-    small = sine < SMALL_ANGLE_RAD
-    angle = 2.0 * np.arctan2(sine, q[..., 0])
-    w = np.where(small, q[..., 0], 1.0)
-    series = 2.0 / w * (1.0 - sine**2 / (3.0 * w**2))
-    scale = np.where(small, series, angle / np.where(small, 1.0, sine))
-    return scale[..., None] * q[..., 1:]
+    R = np.asarray(R, dtype=np.float64)
+    return _logs(_rows(R, 2)).reshape(R.shape[:-1])
+
+
+@compiled
+def _logs(R: Array) -> Array:
+    turns = np.empty((len(R), 3))
+    for n, q in enumerate(_quats(R)):
+        sign = -1.0 if q[0] < 0.0 else 1.0
+        w, sine = sign * q[0], np.sqrt(q[1] ** 2 + q[2] ** 2 + q[3] ** 2)
+        if sine < SMALL_ANGLE_RAD:
+            scale = 2.0 / w * (1.0 - sine**2 / (3.0 * w**2))
+        else:
+            scale = 2.0 * np.arctan2(sine, w) / sine
+        turns[n] = sign * scale * q[1:]
+    return turns
 
 
 def right_jacobian(w: Array) -> Array:
     """Return Jr(w) with Exp(w + d) = Exp(w) Exp(Jr(w) d) to first order, (..., 3) -> (..., 3, 3)."""
     w = np.asarray(w, dtype=np.float64)
-    _, second, third = _rodrigues_factors(np.linalg.norm(w, axis=-1))
+    second, third = _jacobian_factors(np.linalg.norm(w, axis=-1))
     W = hat(w)
     return np.eye(3) - second[..., None, None] * W + third[..., None, None] * (W @ W)
 
@@ -89,30 +114,49 @@ def right_jacobian_inv(w: Array) -> Array:
 def quat_wxyz_from_matrix(R: Array) -> Array:
     """Return the unit quaternion of R, (..., 3, 3) -> (..., 4); the largest component is positive [Shepperd78]."""
     R = np.asarray(R, dtype=np.float64)
-    r00, r11, r22 = R[..., 0, 0], R[..., 1, 1], R[..., 2, 2]
-    squares = np.stack([1 + r00 + r11 + r22, 1 + r00 - r11 - r22, 1 - r00 + r11 - r22, 1 - r00 - r11 + r22], axis=-1)
-    wx, wy, wz = R[..., 2, 1] - R[..., 1, 2], R[..., 0, 2] - R[..., 2, 0], R[..., 1, 0] - R[..., 0, 1]
-    xy, xz, yz = R[..., 0, 1] + R[..., 1, 0], R[..., 0, 2] + R[..., 2, 0], R[..., 1, 2] + R[..., 2, 1]
-    rows = np.stack(
-        [
-            np.stack([squares[..., 0], wx, wy, wz], axis=-1),
-            np.stack([wx, squares[..., 1], xy, xz], axis=-1),
-            np.stack([wy, xy, squares[..., 2], yz], axis=-1),
-            np.stack([wz, xz, yz, squares[..., 3]], axis=-1),
-        ],
-        axis=-2,
-    )
-    best = np.argmax(squares, axis=-1)
-    q = np.take_along_axis(rows, best[..., None, None], axis=-2)[..., 0, :]
-    return q / np.linalg.norm(q, axis=-1, keepdims=True)
+    return _quats(_rows(R, 2)).reshape(*R.shape[:-2], 4)
+
+
+@compiled
+def _quats(R: Array) -> Array:
+    quats = np.empty((len(R), 4))
+    for n in range(len(R)):
+        m = R[n]
+        trace = m[0, 0] + m[1, 1] + m[2, 2]
+        squares = np.array([1.0 + trace, *(1.0 - trace + 2.0 * np.diag(m))])
+        q = quats[n]
+        best = np.argmax(squares)
+        if best == 0:
+            q[0], q[1], q[2], q[3] = squares[0], m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]
+        else:
+            i = best - 1
+            j, k = (i + 1) % 3, (i + 2) % 3
+            q[0], q[best] = m[k, j] - m[j, k], squares[best]
+            q[1 + j], q[1 + k] = m[i, j] + m[j, i], m[i, k] + m[k, i]
+        q /= np.sqrt(np.sum(q * q))
+    return quats
 
 
 def matrix_from_quat_wxyz(q_wxyz: Array) -> Array:
     """Return the matrix of a (not necessarily unit) quaternion, (..., 4) -> (..., 3, 3)."""
     q = np.asarray(q_wxyz, dtype=np.float64)
-    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
-    V = hat(q[..., 1:])
-    return np.eye(3) + 2.0 * q[..., :1, None] * V + 2.0 * (V @ V)
+    return _matrices(_rows(q, 1)).reshape(*q.shape[:-1], 3, 3)
+
+
+@compiled
+def _matrices(quats: Array) -> Array:
+    R = np.empty((len(quats), 3, 3))
+    for n in range(len(quats)):
+        w, x, y, z = quats[n] / np.sqrt(np.sum(quats[n] * quats[n]))
+        R[n, 0, 0], R[n, 0, 1], R[n, 0, 2] = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)
+        R[n, 1, 0], R[n, 1, 1], R[n, 1, 2] = 2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)
+        R[n, 2, 0], R[n, 2, 1], R[n, 2, 2] = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
+    return R
+
+
+def _rows(values: Array, axes: int) -> Array:
+    """Return a batch of any shape as one row of vectors (``axes`` 1) or matrices (2)."""
+    return np.ascontiguousarray(values).reshape(-1, *values.shape[values.ndim - axes :])
 
 
 def from_yaw(yaw_rad: Array | float) -> Array:

@@ -9,7 +9,7 @@ from snakeslam.head.laws import HeadShape, steers_head
 from snakeslam.head.level import LevelNeck
 from snakeslam.head.line import HeadLine
 from snakeslam.head.neck import neck_joints_of, neck_of
-from snakeslam.head.predictive import PredictiveNeck
+from snakeslam.head.predictive import PredictiveNeck, prepare
 from snakeslam.head.settings import HeadSettings
 from snakeslam.messages import Float, ImuSample, JointState, PoseEstimate
 from snakeslam.robot.kinematics import link_poses_from_imu
@@ -42,6 +42,7 @@ class HeadControl:
         self._model = model
         self._neck = neck_of(model, neck_joints_of(settings, model))
         self._loads = posture_loads(model)
+        prepare(model, self._neck)
         self._hand: PredictiveNeck | LevelNeck | None = None
         self._q_rad: Float = model.rest_q_rad
         self.shape: Shape = HeadShape(settings.controller, model, self._neck)

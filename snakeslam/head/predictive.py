@@ -13,8 +13,10 @@ is to go: turning it steers.
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from snakeslam.geometry import se3, so3
+from snakeslam.geometry.compiled import compiled
 from snakeslam.head.line import LineErrors
 from snakeslam.head.neck import Neck
 from snakeslam.head.rhythm import GaitRhythm
@@ -61,21 +63,15 @@ class PredictiveNeck:
         chosen = self.neck.joints
         shape = q_rad.copy()
         shape[chosen] = self.q_neck_rad
-        body = np.ones(len(q_rad), dtype=bool)
-        body[chosen] = False
         T_WI = se3.from_rt(so3.from_yaw(errors.yaw_rad), np.zeros(3))
         J = resistive_map(self.model, shape, T_WI, self.loads, self.friction_ratio)
-        eager = abs(pace)
-        rate = dq_rad_s[chosen] + RETURN_RAD_S * eager * (q_rad[chosen] - self.q_neck_rad)
-        free = J[:, body] @ dq_rad_s[body] + J[:, chosen] @ rate
         self.sway.learn(errors.lateral_m, LATERAL_GAIN_RAD_S, pace, period_s, dt_s)
-        wanted = self._wanted(errors, eager)
-        gap = WEIGHTS * (wanted - free)
-        WJ = WEIGHTS[:, None] * J[:, chosen]
-        QJ = ease(self.q_neck_rad)[:, None] * WJ.T
-        rate = rate + QJ @ np.linalg.solve(WJ @ QJ + DAMPING * np.eye(3), gap)
-        self.v_mean_m_s += (float(free[0]) - self.v_mean_m_s) * min(1.0, eager * dt_s / (MEAN_SPEED_PERIODS * period_s))
-        self.q_neck_rad = np.clip(self.q_neck_rad + rate * dt_s, -LARGEST_RAD, LARGEST_RAD)
+        eager = abs(pace)
+        back = dq_rad_s.copy()
+        back[chosen] += RETURN_RAD_S * eager * (q_rad[chosen] - self.q_neck_rad)
+        rate, v_free = _neck_rates(J, back, chosen, self.q_neck_rad, self._wanted(errors, eager))
+        self.v_mean_m_s += (float(v_free) - self.v_mean_m_s) * min(1.0, eager * dt_s / (MEAN_SPEED_PERIODS * period_s))
+        self.q_neck_rad = np.minimum(np.maximum(self.q_neck_rad + rate * dt_s, -LARGEST_RAD), LARGEST_RAD)
         return self.q_neck_rad
 
     def _wanted(self, errors: LineErrors, eager: float) -> Float:
@@ -85,6 +81,32 @@ class PredictiveNeck:
         return eager * np.array([self.v_mean_m_s, sideways, turn])
 
 
+def prepare(model: SnakeModel, neck: Neck) -> None:
+    """Compile what a step needs, if it is not yet: at its first use it would hold up a moving robot."""
+    rest = model.rest_q_rad
+    J = resistive_map(model, rest, np.eye(4), np.ones(model.link_count), 1.0)
+    _neck_rates(J, np.zeros_like(rest), neck.joints, rest[neck.joints], np.zeros(3))
+
+
+@compiled
+def _neck_rates(
+    J: Float, dq_rad_s: Float, neck: NDArray[np.int64], q_neck_rad: Float, wanted: Float
+) -> tuple[Float, float]:
+    """Return the neck's rates (n,) that leave the head the twist ``wanted`` (3,), and the forward speed without them.
+
+    ``J`` (3, N) maps joint rates to the head's twist; ``dq_rad_s`` (N,) has the neck's rates of return in its place.
+    """
+    free = J @ dq_rad_s
+    willing = ease(q_neck_rad)
+    WJ = np.empty((3, len(neck)))
+    for n in range(len(neck)):
+        WJ[:, n] = WEIGHTS * J[:, neck[n]]
+    QJ = np.ascontiguousarray((WJ * willing).T)
+    pull = np.linalg.solve(WJ @ QJ + DAMPING * np.eye(3), WEIGHTS * (wanted - free))
+    return dq_rad_s[neck] + QJ @ pull, free[0]
+
+
+@compiled
 def ease(q_rad: Float) -> Float:
     """Return how willing each joint is to help, (n,): a joint that is bent far leaves the work to the others."""
     return np.maximum(LEAST_EASE, (1.0 - (q_rad / LARGEST_RAD) ** 2) ** EASE_POWER)

@@ -11,12 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from snakeslam.geometry import so3
+from snakeslam.geometry.compiled import compiled
 from snakeslam.messages import Float
 from snakeslam.robot.ground import Ground, level
 from snakeslam.robot.kinematics import link_poses_from_imu
 from snakeslam.robot.model import SnakeModel
 
-PLANAR = [0, 1, 4]
+PLANAR = (0, 1, 4)
 """Of a twist (v_x, v_y, w_x, w_y, w_z), what is in the plane."""
 ROUNDS = 30
 ENOUGH_M_S = 1e-5
@@ -35,31 +36,60 @@ def resistive_map(model: SnakeModel, q_rad: Float, T_WI: Float, loads: Float, ra
     resistances to any twist, times s_j.
     """
     Ts_WL = link_poses_from_imu(model, q_rad, T_WI)
-    resists = _resistances(model, Ts_WL, T_WI[:3, 3], loads, ratio)
-    behind = np.cumsum(resists, axis=0)
-    forces = np.einsum("nab,nb->an", behind[:-1], _turns(model, Ts_WL, T_WI[:3, 3]))
-    return np.asarray(-np.linalg.solve(behind[-1][:, PLANAR], forces), dtype=np.float64)
+    shape = (model.com_L[0], model.joint_length_m, model.is_yaw)
+    behind, forces = _resisted(Ts_WL, T_WI[:3, 3], *shape, loads, ratio)
+    return np.asarray(-np.linalg.solve(behind, forces), dtype=np.float64)
 
 
-def _resistances(model: SnakeModel, Ts_WL: Float, origin_W: Float, loads: Float, ratio: float) -> Float:
-    """Return each link's planar force for a twist (v_x, v_y, w_x, w_y, w_z) at the origin, (N + 1, 3, 5)."""
-    x, y, z = (Ts_WL[:, :3, 3] + Ts_WL[:, :3, :3] @ model.com_L - origin_W).T
-    along = Ts_WL[:, :2, 0] / np.hypot(Ts_WL[:, 0, 0], Ts_WL[:, 1, 0])[:, None]
-    rigid = np.zeros((model.link_count, 2, 5))
-    rigid[:, 0, 0] = rigid[:, 1, 1] = 1.0
-    rigid[:, 0, 3], rigid[:, 0, 4], rigid[:, 1, 2], rigid[:, 1, 4] = z, -y, -z, x
-    metric = ratio * np.eye(2) - (ratio - 1.0) * along[:, :, None] * along[:, None, :]
-    resists = np.swapaxes(rigid[:, :, PLANAR], 1, 2) @ (metric @ rigid)
-    resists[:, 2, 4] += ratio / 12.0 * model.joint_length_m**2
-    return resists * loads[:, None, None]
+@compiled
+def _resisted(
+    Ts_WL: Float,
+    origin_W: Float,
+    com_x_m: float,
+    length_m: float,
+    is_yaw: NDArray[np.bool_],
+    loads: Float,
+    ratio: float,
+) -> tuple[Float, Float]:
+    """Return the body's planar resistance to planar twists (3, 3), and to what is behind each joint turning (3, N)."""
+    joints = len(is_yaw)
+    behind, forces = np.zeros((3, 5)), np.empty((3, joints))
+    for k in range(joints + 1):
+        _add_resistance(behind, Ts_WL[k], origin_W, com_x_m, length_m, loads[k], ratio)
+        if k < joints:
+            twist = _turn(Ts_WL[k + 1], origin_W, is_yaw[k])
+            for row in range(3):
+                forces[row, k] = np.sum(behind[row] * twist)
+    planar = np.empty((3, 3))
+    for column, of_twist in enumerate(PLANAR):
+        planar[:, column] = behind[:, of_twist]
+    return planar, forces
 
 
-def _turns(model: SnakeModel, Ts_WL: Float, origin_W: Float) -> Float:
-    """Return the twist (v_x, v_y, w_x, w_y, w_z) at the origin of what is behind each joint, per joint rate, (N, 5)."""
-    w = -np.einsum("nij,nj->ni", Ts_WL[1:, :3, :3], model.axes_L)
-    arm = origin_W - Ts_WL[1:, :3, 3]
-    v_x, v_y = w[:, 1] * arm[:, 2] - w[:, 2] * arm[:, 1], w[:, 2] * arm[:, 0] - w[:, 0] * arm[:, 2]
-    return np.column_stack([v_x, v_y, w])
+@compiled
+def _add_resistance(
+    behind: Float, T_WL: Float, origin_W: Float, com_x_m: float, length_m: float, load: float, ratio: float
+) -> None:
+    """Add a link's planar force and moment for a twist (v_x, v_y, w_x, w_y, w_z) at the origin to ``behind`` (3, 5)."""
+    x, y, z = T_WL[:3, 3] + T_WL[:3, 0] * com_x_m - origin_W
+    reach = np.hypot(T_WL[0, 0], T_WL[1, 0])
+    t_x, t_y = T_WL[0, 0] / reach, T_WL[1, 0] / reach
+    m_xx, m_xy, m_yy = ratio - (ratio - 1.0) * t_x * t_x, (1.0 - ratio) * t_x * t_y, ratio - (ratio - 1.0) * t_y * t_y
+    # The velocity of the link's middle by each of the five, and the force against it.
+    for column, (v_x, v_y) in enumerate(((1.0, 0.0), (0.0, 1.0), (0.0, -z), (z, 0.0), (-y, x))):
+        f_x, f_y = m_xx * v_x + m_xy * v_y, m_xy * v_x + m_yy * v_y
+        behind[0, column] += load * f_x
+        behind[1, column] += load * f_y
+        behind[2, column] += load * (x * f_y - y * f_x)
+    behind[2, 4] += load * ratio / 12.0 * length_m**2
+
+
+@compiled
+def _turn(T_WL: Float, origin_W: Float, is_yaw: bool) -> Float:
+    """Return the twist (v_x, v_y, w_x, w_y, w_z) at the origin of what is behind a joint, per joint rate, (5,)."""
+    w = -T_WL[:3, 2] if is_yaw else T_WL[:3, 1]
+    arm = origin_W - T_WL[:3, 3]
+    return np.array([w[1] * arm[2] - w[2] * arm[1], w[2] * arm[0] - w[0] * arm[2], w[0], w[1], w[2]])
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,21 +128,32 @@ def sliding_velocity(
     u_I = contact_velocities(model, Ts_IL, dq_rad_s, w_I, link, points)
     metric = _metric(Ts_IL[link, :3, 0], ground.normal_I, ratio)
     v_I = np.zeros(3) if guess_I is None else guess_I
-    # What the weights are summed with in every round, as rows.
-    metric_rows, pull_rows = metric.reshape(-1, 9), np.einsum("cij,cj->ci", metric, u_I)
-    for _ in range(ROUNDS):
-        slip = v_I + u_I
-        weights = loads / np.sqrt((slip * slip).sum(axis=1) + SLIP_M_S**2)
-        after = np.linalg.solve((weights @ metric_rows).reshape(3, 3), -(weights @ pull_rows))
-        moved, v_I = float(np.abs(after - v_I).max()), after
-        if moved < ENOUGH_M_S:
-            break
+    v_I = _balanced(u_I, loads, metric, v_I)
     slip = v_I + u_I
     share = loads / loads.sum()
     scatter = (slip * share[:, None]).T @ slip
     cov = scatter * float(share @ share) + FLOOR_M_S**2 * np.eye(3)
     along_I = _along(Ts_IL[link, :3, 0], ground.normal_I)
     return Sliding(v_I, cov, ground, _by_log_ratio(slip, loads, metric, along_I, ratio))
+
+
+@compiled
+def _balanced(u_I: Float, loads: Float, metric: Float, v_I: Float) -> Float:
+    """Return the velocity (3,) at which the friction of all contacts is in balance, from the guess ``v_I``."""
+    for _ in range(ROUNDS):
+        held, pull = np.zeros((3, 3)), np.zeros(3)
+        for c in range(len(loads)):
+            slip = v_I + u_I[c]
+            weight = loads[c] / np.sqrt(np.sum(slip * slip) + SLIP_M_S**2)
+            for i in range(3):
+                for j in range(3):
+                    held[i, j] += weight * metric[c, i, j]
+                    pull[i] -= weight * metric[c, i, j] * u_I[c, j]
+        after = np.linalg.solve(held, pull).astype(np.float64)
+        moved, v_I = np.max(np.abs(after - v_I)), after
+        if moved < ENOUGH_M_S:
+            break
+    return v_I
 
 
 def contact_velocities(

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from snakeslam.geometry import so3
+from snakeslam.geometry.compiled import compiled
 from snakeslam.messages import Float
 from snakeslam.robot.model import SnakeModel
 
@@ -18,7 +20,9 @@ SKIN_GIVES_M = 0.003
 FEWEST = 6.0
 ROUNDS = 20
 PLANES = 2
+HALVINGS = 8
 ENOUGH_M = 1e-7
+X_AXIS, Y_AXIS = np.eye(3)[:2]
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,40 +69,60 @@ def _bearing(loads: Float) -> float:
 
 def _plane(points: Float, up: Float, radius_m: float, weight_n: float, stiff: float) -> tuple[Float, Float]:
     """Return the loads of spheres at ``points`` about the centre of mass, and the plane's normal."""
-    side = np.cross(up, [1.0, 0.0, 0.0] if abs(up[0]) < 0.9 else [0.0, 1.0, 0.0])
+    side = so3.cross(up, X_AXIS if abs(up[0]) < 0.9 else Y_AXIS)
     side /= np.linalg.norm(side)
-    frame = np.stack([side, np.cross(up, side), up])
+    frame = np.stack([side, so3.cross(up, side), up])
     x, y, z = frame @ points.T
-    rows = np.stack([np.ones_like(x), x, y], axis=1)
-    hold = np.diag([0.0, 1.0, 1.0]) * weight_n * radius_m
-    load = np.array([weight_n, 0.0, 0.0])
-    # From deep down, where every contact bears, Newton's steps come up without leaving any out too early.
-    plane = np.array([float(np.max(z)) - radius_m + SKIN_GIVES_M, 0.0, 0.0])
-    pen = rows @ plane - (z - radius_m)
-    for _ in range(ROUNDS):
-        active = rows[pen > 0.0]
-        gradient = stiff * rows.T @ np.maximum(pen, 0.0) + hold @ plane - load
-        step = np.linalg.solve(stiff * active.T @ active + hold + 1e-6 * np.eye(3), -gradient)
-        plane, pen = _descend(plane, step, rows, z - radius_m, stiff, hold, load)
-        if np.max(np.abs(rows @ step)) < ENOUGH_M:
-            break
+    plane, pen = _settle(x, y, z - radius_m, weight_n, weight_n * radius_m, stiff)
     normal = frame.T @ np.array([-plane[1], -plane[2], 1.0])
     return stiff * np.maximum(pen, 0.0), normal / np.linalg.norm(normal)
 
 
-def _descend(
-    plane: Float, step: Float, rows: Float, lowest: Float, stiff: float, hold: Float, load: Float
-) -> tuple[Float, Float]:
-    """Take the step, halved until the energy falls."""
+@compiled
+def _settle(x: Float, y: Float, lowest: Float, weight_n: float, hold_nm: float, stiff: float) -> tuple[Float, Float]:
+    """Return the plane (height, slopes) that bears the weight, and how deep each sphere is in it, (M,).
 
-    def energy(x: Float, pen: Float) -> float:
-        return float(0.5 * stiff * np.sum(np.maximum(pen, 0.0) ** 2) + 0.5 * x @ hold @ x - load @ x)
-
-    before = energy(plane, rows @ plane - lowest)
-    for _ in range(8):
+    From deep down, where every contact bears, Newton's steps come up without leaving any out too early.
+    """
+    plane: Float = np.array([np.max(lowest) + SKIN_GIVES_M, 0.0, 0.0])
+    pen = _penetration(plane, x, y, lowest)
+    for _ in range(ROUNDS):
+        bend, gradient = np.diag(np.array([0.0, hold_nm, hold_nm])) + 1e-6 * np.eye(3), np.zeros(3)
+        gradient[0], gradient[1], gradient[2] = -weight_n, hold_nm * plane[1], hold_nm * plane[2]
+        for c in range(len(x)):
+            if pen[c] > 0.0:
+                row = (1.0, x[c], y[c])
+                for i in range(3):
+                    gradient[i] += stiff * pen[c] * row[i]
+                    for j in range(3):
+                        bend[i, j] += stiff * row[i] * row[j]
+        step = np.linalg.solve(bend, -gradient).astype(np.float64)
+        # Halved until the energy falls.
+        before = _energy(plane, pen, weight_n, hold_nm, stiff)
         trial = plane + step
-        pen = rows @ trial - lowest
-        if energy(trial, pen) <= before:
-            return trial, pen
-        step = step / 2.0
-    return plane, rows @ plane - lowest
+        deep = _penetration(trial, x, y, lowest)
+        for _ in range(HALVINGS):
+            if _energy(trial, deep, weight_n, hold_nm, stiff) <= before:
+                break
+            step = step / 2.0
+            trial = plane + step
+            deep = _penetration(trial, x, y, lowest)
+        moved = np.max(np.abs(deep - pen))
+        plane, pen = trial, deep
+        if moved < ENOUGH_M:
+            break
+    return plane, pen
+
+
+@compiled
+def _penetration(plane: Float, x: Float, y: Float, lowest: Float) -> Float:
+    return plane[0] + plane[1] * x + plane[2] * y - lowest
+
+
+@compiled
+def _energy(plane: Float, pen: Float, weight_n: float, hold_nm: float, stiff: float) -> float:
+    held = 0.5 * hold_nm * (plane[1] ** 2 + plane[2] ** 2) - weight_n * plane[0]
+    for deep in pen:
+        if deep > 0.0:
+            held += 0.5 * stiff * deep * deep
+    return held

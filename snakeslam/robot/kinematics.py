@@ -1,41 +1,50 @@
-"""Forward kinematics and Jacobians of the chain, on numpy batches; frames as in ``robot.model``."""
+"""Forward kinematics and Jacobians of the chain, on batches; frames as in ``robot.model``."""
 
 import numpy as np
+from numpy.typing import NDArray
 
 from snakeslam.geometry import se3, so3
+from snakeslam.geometry.compiled import compiled
 from snakeslam.messages import Float
 from snakeslam.robot.model import SnakeModel
 
-
-def joint_transforms(model: SnakeModel, q_rad: Float) -> Float:
-    """Return T_(k-1)k of joints 1..N: the step of one link, then the joint's turn; q (..., N) -> (..., N, 4, 4)."""
-    q_rad = np.asarray(q_rad, dtype=np.float64)
-    c, s = np.cos(q_rad), np.sin(q_rad)
-    yaw = model.is_yaw
-    T = np.zeros((*q_rad.shape, 4, 4))
-    T[..., 0, 0], T[..., 3, 3] = c, 1.0
-    T[..., 1, 1], T[..., 2, 2] = np.where(yaw, c, 1.0), np.where(yaw, 1.0, c)
-    T[..., 1, 0], T[..., 0, 1] = np.where(yaw, s, 0.0), np.where(yaw, -s, 0.0)
-    T[..., 2, 0], T[..., 0, 2] = np.where(yaw, 0.0, s), np.where(yaw, 0.0, -s)
-    T[..., 0, 3] = model.joint_length_m
-    return T
+IDENTITY = np.eye(4)
 
 
 def link_poses(model: SnakeModel, q_rad: Float, T_W_base: Float) -> Float:
     """Return Ts_WL of links 0..N from the tail's pose; q (..., N), T_W_base (..., 4, 4) -> (..., N + 1, 4, 4)."""
-    steps = joint_transforms(model, q_rad)
-    first = np.broadcast_to(np.asarray(T_W_base, dtype=np.float64), (*steps.shape[:-3], 4, 4))
-    Ts = np.concatenate([first[..., None, :, :], steps], axis=-3)
-    reach = 1
-    while reach < model.link_count:
-        Ts[..., reach:, :, :] = Ts[..., :-reach, :, :] @ Ts[..., reach:, :, :]
-        reach *= 2
+    q_rad = np.asarray(q_rad, dtype=np.float64)
+    first = np.broadcast_to(np.asarray(T_W_base, dtype=np.float64), (*q_rad.shape[:-1], 4, 4))
+    chains, count = q_rad.reshape(-1, model.joint_count), model.link_count
+    Ts = _chain(np.cos(chains), np.sin(chains), model.is_yaw, model.joint_length_m, first.reshape(-1, 4, 4))
+    return Ts.reshape(*q_rad.shape[:-1], count, 4, 4)
+
+
+@compiled
+def _chain(c: Float, s: Float, is_yaw: NDArray[np.bool_], length_m: float, first: Float) -> Float:
+    """Return the poses of all links; a joint is the step of one link along x, then a turn about z (yaw) or -y."""
+    chains, joints = c.shape
+    Ts = np.zeros((chains, joints + 1, 4, 4))
+    for m in range(chains):
+        Ts[m, 0] = first[m]
+        for k in range(joints):
+            before, after = Ts[m, k], Ts[m, k + 1]
+            cos, sin = c[m, k], s[m, k]
+            turned = 1 if is_yaw[k] else 2
+            kept = 3 - turned
+            for row in range(3):
+                x, y = before[row, 0], before[row, turned]
+                after[row, 0] = cos * x + sin * y
+                after[row, turned] = cos * y - sin * x
+                after[row, kept] = before[row, kept]
+                after[row, 3] = before[row, 3] + length_m * x
+            after[3, 3] = 1.0
     return Ts
 
 
 def link_poses_from_imu(model: SnakeModel, q_rad: Float, T_WI: Float) -> Float:
     """Return Ts_WL of links 0..N from the pose of the head's IMU; shapes as ``link_poses``."""
-    Ts_BL = link_poses(model, q_rad, np.eye(4))
+    Ts_BL = link_poses(model, q_rad, IDENTITY)
     T_W_base = np.asarray(T_WI) @ se3.inv(Ts_BL[..., -1, :, :] @ model.T_HI)
     return T_W_base[..., None, :, :] @ Ts_BL
 

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from snakeslam.geometry.compiled import compiled
 from snakeslam.messages import Float
 
 
@@ -24,6 +25,8 @@ class LimitedFollower:
         self._q_rad = np.clip(np.asarray(q_rad, dtype=np.float64), -limits.position_rad, limits.position_rad)
         self._dq_rad_s = np.zeros_like(self._q_rad)
         self._target_rad = self._q_rad.copy()
+        # Compiled here, if it is not yet, and not while the robot moves.
+        _follow(self._q_rad, self._dq_rad_s, self._q_rad, self._q_rad, 1.0, (1.0, 1.0, 1.0))
 
     @property
     def q_rad(self) -> Float:
@@ -42,16 +45,14 @@ class LimitedFollower:
         relative to the target's own rate.
         """
         limits = self._limits
-        target = np.clip(target_rad, -limits.position_rad, limits.position_rad)
-        target_rate = (target - self._target_rad) / dt_s
-        gap = target - self._q_rad - target_rate * dt_s
-        approach = self._stoppable_rate(np.abs(gap), dt_s)
-        rate = np.clip(target_rate + np.sign(gap) * approach, -self._rate_down(dt_s), self._rate_up(dt_s))
-        step = limits.acceleration_rad_s2 * dt_s
-        rate = np.clip(rate, self._dq_rad_s - step, self._dq_rad_s + step)
-        self._dq_rad_s = np.clip(rate, -limits.rate_rad_s, limits.rate_rad_s)
-        self._q_rad = self._q_rad + self._dq_rad_s * dt_s
-        self._target_rad = target
+        self._q_rad, self._dq_rad_s, self._target_rad = _follow(
+            self._q_rad,
+            self._dq_rad_s,
+            self._target_rad,
+            np.asarray(target_rad, dtype=np.float64),
+            dt_s,
+            (limits.position_rad, limits.rate_rad_s, limits.acceleration_rad_s2),
+        )
         return self._q_rad
 
     def brake(self, dt_s: float) -> Float:
@@ -64,13 +65,41 @@ class LimitedFollower:
         self._target_rad = self._q_rad
         return self._q_rad
 
-    def _rate_up(self, dt_s: float) -> Float:
-        return self._stoppable_rate(self._limits.position_rad - self._q_rad, dt_s)
 
-    def _rate_down(self, dt_s: float) -> Float:
-        return self._stoppable_rate(self._limits.position_rad + self._q_rad, dt_s)
+@compiled
+def _follow(
+    q_rad: Float, dq_rad_s: Float, before_rad: Float, wanted_rad: Float, dt_s: float, limits: tuple[float, float, float]
+) -> tuple[Float, Float, Float]:
+    """Return angles and rates after ``dt_s``, and the targets ``wanted_rad`` cut to the limits; each (N,).
 
-    def _stoppable_rate(self, room_rad: Float, dt_s: float) -> Float:
-        """Return the largest v with v dt + v^2 / (2 a) <= room."""
-        a = self._limits.acceleration_rad_s2
-        return np.minimum(self._limits.rate_rad_s, a * (np.sqrt(dt_s**2 + 2.0 * np.maximum(room_rad, 0.0) / a) - dt_s))
+    ``before_rad`` (N,) are the targets of the step before.
+    """
+    position, fastest, acceleration = limits
+    q, dq, targets = np.empty_like(q_rad), np.empty_like(q_rad), np.empty_like(q_rad)
+    for n in range(len(q_rad)):
+        target = _within(wanted_rad[n], -position, position)
+        target_rate = (target - before_rad[n]) / dt_s
+        gap = target - q_rad[n] - target_rate * dt_s
+        rate = target_rate + np.sign(gap) * _stoppable_rate(abs(gap), dt_s, fastest, acceleration)
+        down = _stoppable_rate(position + q_rad[n], dt_s, fastest, acceleration)
+        up = _stoppable_rate(position - q_rad[n], dt_s, fastest, acceleration)
+        rate = _within(rate, -down, up)
+        step = acceleration * dt_s
+        rate = _within(_within(rate, dq_rad_s[n] - step, dq_rad_s[n] + step), -fastest, fastest)
+        q[n], dq[n], targets[n] = q_rad[n] + rate * dt_s, rate, target
+    return q, dq, targets
+
+
+@compiled
+def _stoppable_rate(room_rad: float, dt_s: float, fastest: float, acceleration: float) -> float:
+    """Return the largest v with v dt + v^2 / (2 a) <= room."""
+    room = max(room_rad, 0.0)
+    return min(fastest, acceleration * (np.sqrt(dt_s**2 + 2.0 * room / acceleration) - dt_s))
+
+
+@compiled
+def _within(value: float, low: float, high: float) -> float:
+    """Return ``value`` cut to the bounds; what is not a number stays so, for the guard to see."""
+    if value < low:
+        return low
+    return high if value > high else value

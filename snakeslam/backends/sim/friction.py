@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from snakeslam.geometry.compiled import compiled
 from snakeslam.messages import Float
 
 
@@ -25,14 +26,19 @@ class CoulombFriction:
         the unit normal out of the ground, ``along_W`` (C, 3) the link's axis; where that stands on the ground any pair
         of directions serves, with the same coefficients.
         """
-        t_W = along_W - _dot(along_W, normal_W) * normal_W
-        t_W = t_W / np.maximum(np.sqrt(_dot(t_W, t_W)), 1e-9)
-        slip_W = velocity_W - _dot(velocity_W, normal_W) * normal_W
-        along = _dot(slip_W, t_W) * t_W
-        scale = -load_n[:, None] / np.sqrt(_dot(slip_W, slip_W) + self.slip_m_s**2)
-        return scale * (self.mu_normal * slip_W + (self.mu_tangential - self.mu_normal) * along)
+        return _forces(load_n, velocity_W, normal_W, along_W, self.mu_tangential, self.mu_normal, self.slip_m_s)
 
 
-def _dot(a: Float, b: Float) -> Float:
-    """Return a . b of each row, (C, 1)."""
-    return np.einsum("ci,ci->c", a, b)[:, None]
+@compiled
+def _forces(
+    load_n: Float, velocity_W: Float, normal_W: Float, along_W: Float, mu_t: float, mu_n: float, slip_m_s: float
+) -> Float:
+    forces_W = np.empty_like(velocity_W)
+    for c in range(len(load_n)):
+        n, v = normal_W[c], velocity_W[c]
+        t = along_W[c] - np.sum(along_W[c] * n) * n
+        t = t / max(np.sqrt(np.sum(t * t)), 1e-9)
+        slip = v - np.sum(v * n) * n
+        scale = -load_n[c] / np.sqrt(np.sum(slip * slip) + slip_m_s**2)
+        forces_W[c] = scale * (mu_n * slip + (mu_t - mu_n) * np.sum(slip * t) * t)
+    return forces_W

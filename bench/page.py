@@ -60,6 +60,7 @@ DRIVE = """async ([key, count]) => {
   const times = [];
   await new Promise((done, fail) => {
     let seq = 0, sent = 0;
+    setTimeout(() => fail(`only ${times.length} inputs were obeyed in a minute`), 60000);
     const next = () => {
       if (times.length === count) { socket.close(); done(); return; }
       sent = performance.now();

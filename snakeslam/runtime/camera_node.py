@@ -1,14 +1,15 @@
 """The simulator's camera as a process of its own: rendering never stands in the way of the control loop."""
 
 import queue
+from time import monotonic_ns
 
 from snakeslam.config import Config
 from snakeslam.runtime.assembly import build_scene
 from snakeslam.runtime.bus import Bus
 from snakeslam.runtime.link import Link
 from snakeslam.runtime.node import Child, Life, spawn
-from snakeslam.runtime.topics import EXPOSURES, FRAMES
-from snakeslam.runtime.wire import Exposure
+from snakeslam.runtime.topics import CAMERA_READY, EXPOSURES, FRAMES
+from snakeslam.runtime.wire import Beat, Exposure
 
 WAITING = 2
 """Pictures that wait to be drawn at most; the oldest goes."""
@@ -20,17 +21,21 @@ def camera_process(config: Config, link: Link) -> Child:
 
 
 def run_camera(config: Config, link: Link, life: Life) -> None:
-    """Draw what the robot node asks for until the life ends."""
+    """Draw what the robot node asks for until the life ends; say so until it first does."""
     scene = build_scene(config)
     bus = Bus(link, wanted=lambda: not life.over)
     wanted: queue.Queue[Exposure] = queue.Queue()
     bus.subscribe(EXPOSURES, wanted.put)
+    asked = False
     try:
         while not life.over:
             try:
                 exposure = wanted.get(timeout=0.1)
             except queue.Empty:
+                if not asked:
+                    bus.publish(CAMERA_READY, Beat("camera", monotonic_ns()))
                 continue
+            asked = True
             while wanted.qsize() >= WAITING:
                 exposure = wanted.get()
             bus.publish(FRAMES, scene.expose(exposure.shot))

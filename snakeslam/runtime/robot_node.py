@@ -3,7 +3,7 @@
 import threading
 from collections import deque
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from time import monotonic, monotonic_ns
 from uuid import uuid4
 
@@ -24,6 +24,7 @@ from snakeslam.runtime.safety import SERVER, SLAM
 from snakeslam.runtime.spec import SessionSpec
 from snakeslam.runtime.supervisor import Supervisor
 from snakeslam.runtime.topics import (
+    CAMERA_READY,
     ESTIMATES,
     ESTOP,
     EXPOSURES,
@@ -42,8 +43,8 @@ from snakeslam.runtime.wire import Beat, Estimate, Exposure, Hello, Order
 
 STATE_S, HELLO_S, LAST_HOLD_S = 0.05, 0.2, 0.4
 LAG_NS, PATIENCE_S, FIRST_PATIENCE_S = 300_000_000, 1.0, 20.0
-"""A simulator that is this far ahead of slam's pictures waits, as long as slam gets on within PATIENCE_S; for the first
-picture it waits FIRST_PATIENCE_S, while processes start."""
+"""A simulator that is this far ahead of slam's pictures waits, as long as slam gets on within PATIENCE_S; for slam and
+its camera to be there at all, and for the first picture, it waits FIRST_PATIENCE_S."""
 ORDERS_KEPT = 256
 _log = structlog.get_logger("robot")
 
@@ -57,6 +58,7 @@ class Inbox:
     orders: deque[Order]
     beats: deque[tuple[str, Beat]]
     estimates: deque[Estimate]
+    camera: threading.Event = field(default_factory=threading.Event)
 
     def put_urgent(self, order: Order) -> None:
         """Take an E-stop."""
@@ -70,21 +72,27 @@ class Inbox:
 
 
 def _inbox(bus: Bus) -> Inbox:
-    inbox = Inbox(threading.Event(), deque(), *(deque(maxlen=kept) for kept in (ORDERS_KEPT, ORDERS_KEPT, 1)))
+    orders, beats = deque[Order](maxlen=ORDERS_KEPT), deque[tuple[str, Beat]](maxlen=ORDERS_KEPT)
+    inbox = Inbox(threading.Event(), deque(), orders, beats, deque(maxlen=1))
     bus.subscribe(ESTOP, inbox.put_urgent)
     bus.subscribe(ORDERS, inbox.put_order)
     bus.subscribe(SERVER_BEAT, lambda beat: inbox.beats.append((SERVER, beat)))
     bus.subscribe(SLAM_BEAT, lambda beat: inbox.beats.append((SLAM, beat)))
     bus.subscribe(ESTIMATES, inbox.estimates.append)
+    bus.subscribe(CAMERA_READY, lambda _: inbox.camera.set())
     return inbox
 
 
 class RobotNode:
-    """One robot on one bus; ``turn`` does what is due and says how long nothing is."""
+    """One robot on one bus; ``turn`` does what is due and says how long nothing is.
 
-    def __init__(self, robot: Robot, bus: Bus, hello: Hello) -> None:
+    With a ``camera`` in a process of its own the simulator does not begin before it: it would miss the first pictures.
+    """
+
+    def __init__(self, robot: Robot, bus: Bus, hello: Hello, camera: bool = False) -> None:
         self._robot, self._bus, self._hello = robot, bus, hello
         self._inbox, self._time = _inbox(bus), RobotTime(simulated=hello.simulated)
+        self._camera, self._slam_there = camera, False
         self._due_s = self._state_s = self._hello_s = monotonic()
         self._t_slam_ns: int | None = None
         self._patient_until_s = monotonic() + FIRST_PATIENCE_S
@@ -133,7 +141,8 @@ class RobotNode:
             clock_ns = monotonic_ns()
             stamp_ns = self._time.of_stamp(beat.stamp_ns, clock_ns)
             self._robot.safety.beat(name, stamp_ns, self._time.at(clock_ns))
-            self._note_progress(beat)
+            if name == SLAM:
+                self._note_progress(beat)
         if self._inbox.estimates:
             self._robot.hear(self._inbox.estimates.popleft())
         if answered:
@@ -165,6 +174,7 @@ class RobotNode:
         return True
 
     def _note_progress(self, beat: Beat) -> None:
+        self._slam_there = True
         if beat.t_frame_ns is not None and beat.t_frame_ns != self._t_slam_ns:
             self._t_slam_ns, self._patient_until_s = beat.t_frame_ns, monotonic() + PATIENCE_S
 
@@ -172,6 +182,8 @@ class RobotNode:
         """Whether simulated time has to wait for the estimator; a real robot's never does, nor for a frozen one."""
         if not self._hello.simulated or now_s > self._patient_until_s:
             return False
+        if not self._slam_there or (self._camera and not self._inbox.camera.is_set()):
+            return True
         reached_ns = self._robot.t_start_ns if self._t_slam_ns is None else self._t_slam_ns
         return self._robot.backend.t_ns - reached_ns > LAG_NS
 
@@ -179,13 +191,14 @@ class RobotNode:
 def run_robot(spec: SessionSpec, link: Link, life: Life) -> None:
     """Run the robot node until its life ends; it leaves the robot in a hold."""
     parts = Supervisor(_tell_of_part)
+    apart = spec.build is None and spec.recording is None
     try:
-        if spec.build is None and spec.recording is None:
+        if apart:
             # It takes as long to build as the simulator itself: both at the same time.
             parts.start("camera", lambda: camera_process(spec.config, replace(link, listens=False)))
         with closing(_build(spec)) as backend, closing(Bus(link, wanted=lambda: not life.over)) as bus:
             robot = _robot(spec, backend, bus)
-            _go_on(RobotNode(robot, bus, _hello(spec, robot)), robot, life)
+            _go_on(RobotNode(robot, bus, _hello(spec, robot), camera=apart), robot, life)
     finally:
         parts.close()
 

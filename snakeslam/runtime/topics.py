@@ -276,6 +276,7 @@ SENSORS = Topic("robot/sensors", Sensors, 100.0, "lossless", recorded=True)
 ROBOT_STATE = Topic("robot/state", RobotState, 20.0, "newest")
 ROBOT_EVENTS = Topic("robot/events", Event, None, "lossless", recorded=True)
 EXPOSURES = Topic("camera/exposures", Exposure, 20.0, "newest")
+CAMERA_READY = Topic("camera/ready", Beat, 10.0, "newest")
 FRAMES = Topic("camera/frames", CameraFrame, 20.0, "newest", recorded=True, bulky=True)
 SERVER_BEAT = Topic("server/beat", Beat, 20.0, "newest")
 SLAM_BEAT = Topic("slam/beat", Beat, 20.0, "newest")
@@ -286,6 +287,6 @@ CHUNKS = Topic("slam/chunks", MapChunk, None, "lossless", recorded=True, bulky=T
 SLAM_EVENTS = Topic("slam/events", Event, None, "lossless", recorded=True)
 
 TOPICS = (
-    ESTOP, ORDERS, HELLO, SENSORS, ROBOT_STATE, ROBOT_EVENTS, EXPOSURES, FRAMES, SERVER_BEAT,
-    SLAM_BEAT, ESTIMATES, SLAM_STATE, PICTURES, CHUNKS, SLAM_EVENTS,
+    ESTOP, ORDERS, HELLO, SENSORS, ROBOT_STATE, ROBOT_EVENTS, EXPOSURES, CAMERA_READY, FRAMES,
+    SERVER_BEAT, SLAM_BEAT, ESTIMATES, SLAM_STATE, PICTURES, CHUNKS, SLAM_EVENTS,
 )  # fmt: skip

@@ -1,0 +1,48 @@
+"""The robot node on a real bus: when simulated time begins."""
+
+import time
+from contextlib import closing
+from dataclasses import replace
+
+from snakeslam.config import load_config
+from snakeslam.runtime.assembly import build_control, build_simulator
+from snakeslam.runtime.bus import Bus
+from snakeslam.runtime.link import Link, unix_endpoint
+from snakeslam.runtime.robot import Robot
+from snakeslam.runtime.robot_node import RobotNode
+from snakeslam.runtime.topics import CAMERA_READY, SLAM_BEAT
+from snakeslam.runtime.wire import Beat, Hello
+
+PATIENCE_S = 10.0
+
+
+def _turn_until(node, condition):
+    until = time.monotonic() + PATIENCE_S
+    while not condition() and time.monotonic() < until:
+        node.turn()
+    return condition()
+
+
+def test_simulated_time_begins_when_camera_and_slam_are_there(tmp_path):
+    config = load_config(None, [])
+    link = Link(unix_endpoint(tmp_path), listens=True)
+    with (
+        closing(Bus(link)) as bus,
+        closing(Bus(replace(link, listens=False))) as others,
+        closing(build_simulator(config, "elsewhere")) as backend,
+    ):
+        told = []
+        robot = Robot(config, backend, build_control(config, backend), told.append, boot="b", estop_reason=None)
+        hello = Hello("b", 0, 0, backend.rig, config.robot, config.run.seed, simulated=True)
+        node = RobotNode(robot, bus, hello, camera=True)
+
+        def begun():
+            return backend.t_ns > 0
+
+        for ready in ((CAMERA_READY, Beat("camera", 0)), (SLAM_BEAT, Beat("slam", time.monotonic_ns()))):
+            for _ in range(30):
+                node.turn()
+            assert not begun()
+            others.publish(*ready)
+            assert _turn_until(node, node._inbox.camera.is_set)
+        assert _turn_until(node, begun)

@@ -1,8 +1,7 @@
 """Measure where the time of a simulated run goes, against the budgets; ``make bench`` prints the table.
 
 ``python -m bench [SECONDS]`` measures the time, ``python -m bench consistency [SEEDS]`` the NEES, ``python -m bench
-turn`` a commanded turn, ``python -m bench live [SECONDS]`` the nodes beside the server, ``python -m bench page
-[SECONDS]`` all of it with a browser.
+turn`` a commanded turn, ``python -m bench live [SECONDS]`` the nodes beside the server.
 """
 
 import functools
@@ -17,7 +16,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from bench import consistency, live, page, turn
+from bench import consistency, live, turn
 from snakeslam.backends.sim.camera import Camera
 from snakeslam.backends.sim.physics import SnakePhysics
 from snakeslam.backends.sim.renderer import Renderer
@@ -87,9 +86,6 @@ def main() -> None:
         return
     if sys.argv[1:2] == ["live"]:
         live.main(*map(float, sys.argv[2:3]))
-        return
-    if sys.argv[1:2] == ["page"]:
-        page.main(*map(float, sys.argv[2:3]))
         return
     if sys.argv[1:2] == ["turn"]:
         turn.main()

@@ -97,8 +97,10 @@ check: $(VENV)/.synced web/dist/index.html
 	$(NPM) run --silent check
 
 .PHONY: bench
-bench: setup
+bench: setup browser
 	$(BIN)/python -m bench
+	$(BIN)/python -m bench live
+	$(BIN)/python -m bench page
 
 .PHONY: fmt
 fmt: $(VENV)/.synced

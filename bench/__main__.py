@@ -1,14 +1,18 @@
 """Measure where the time of a simulated run goes, against the budgets; ``make bench`` prints the table.
 
 ``python -m bench [SECONDS]`` measures the time, ``python -m bench consistency [SEEDS]`` the NEES, ``python -m bench
-turn`` a commanded turn, ``python -m bench live [SECONDS]`` the nodes beside the server.
+turn`` a commanded turn, ``python -m bench live [SECONDS]`` the nodes beside the server, ``python -m bench page
+[SECONDS]`` the whole stack with a browser and many viewers.
 """
 
 import functools
+import os
 import platform
 import sys
 from collections import defaultdict
+from collections.abc import Sequence
 from contextlib import closing
+from pathlib import Path
 from time import perf_counter
 from typing import Any
 
@@ -16,7 +20,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from bench import consistency, live, turn
+from bench import consistency, live, page, turn
 from snakeslam.backends.sim.camera import Camera
 from snakeslam.backends.sim.physics import SnakePhysics
 from snakeslam.backends.sim.renderer import Renderer
@@ -27,20 +31,23 @@ from snakeslam.estimation.frontend import Frontend
 from snakeslam.estimation.sliding_window import SlidingWindow
 from snakeslam.estimation.state import State
 from snakeslam.mapping.keyframes import KeyframeMapper
-from snakeslam.messages import GaitCommand
+from snakeslam.messages import CameraFrame, GaitCommand, GroundTruth, JointTarget, Packet, SlamUpdate
 from snakeslam.runtime.assembly import build_backend, build_control, build_slam
 from snakeslam.runtime.lockstep import Loop
 from snakeslam.slam import Slam
-from snakeslam.studies.recorder import Recorder
 
 SECONDS = 10.0
 SETTING = "head.controller=predictive"
 """The dearest control."""
 WARM_UP_S = 1.0
+THERE_S = 60.0
+"""So long it crawls one way, before a wall stops it, and then back."""
+SHARE = 10
+"""What the first and the last tenth of a long run take is told, so that it is seen whether it grows."""
 # Where, what, budget in ms (None: reported only).
 STAGES: tuple[tuple[Any, str, str, float | None], ...] = (
     (Control, "step", "control, one 100 Hz step", 0.5),
-    (SnakePhysics, "step", "simulator: one physics step", 1.3),
+    (SnakePhysics, "step", "simulator: one physics step", 0.6),
     (Renderer, "render", "simulator: one picture drawn", 10.0),
     (Camera, "expose", "simulator: its noise, blur, holes", 5.0),
     (Frontend, "process", "estimator: front-end", None),
@@ -66,18 +73,49 @@ def watch(owner: Any, name: str, times_ms: list[float]) -> None:
     setattr(owner, name, timed)
 
 
-def run(seconds: float) -> tuple[Recorder, float]:
-    """Run the default simulation and return what it recorded and its wall time."""
+class FrameTimes:
+    """A sink that keeps nothing but the time of each frame, so that what grows is the estimator's."""
+
+    def __init__(self) -> None:
+        self.frame_ms: list[float] = []
+
+    def on_target(self, target: JointTarget) -> None:
+        """Forget it."""
+
+    def on_packet(self, packet: Packet) -> None:
+        """Forget it."""
+
+    def on_truth(self, truth: Sequence[GroundTruth]) -> None:
+        """Forget it."""
+
+    def on_update(self, update: SlamUpdate, frame: CameraFrame, slam_ms: float) -> None:
+        """Keep the time."""
+        del update, frame
+        self.frame_ms.append(slam_ms)
+
+
+def resident_mb() -> float:
+    """Return what this process holds."""
+    return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+def run(seconds: float, memory_mb: list[float]) -> tuple[list[float], float]:
+    """Run the default simulation; return the frames' times in ms and its wall time, add what it held at each tenth."""
     config = load_config(None, [SETTING])
-    recorder = Recorder()
+    times = FrameTimes()
     with closing(build_backend(config)) as backend:
-        loop = Loop(backend, build_control(config, backend), build_slam(config, backend), recorder)
+        loop = Loop(backend, build_control(config, backend), build_slam(config, backend), times)
         assert loop.control is not None
-        loop.control.command(GaitCommand(0, config.gait.name))
         started = perf_counter()
         while backend.t_ns < seconds * 1e9:
+            if backend.t_ns % round(THERE_S * 1e9) == 0:
+                way = -1.0 if backend.t_ns // round(THERE_S * 1e9) % 2 else 1.0
+                loop.control.command(GaitCommand(backend.t_ns, config.gait.name, drive=way))
+            if len(memory_mb) < SHARE and backend.t_ns >= len(memory_mb) * seconds * 1e9 / SHARE:
+                memory_mb.append(resident_mb())
             loop.step()
-        return recorder, perf_counter() - started
+        memory_mb.append(resident_mb())
+        return times.frame_ms, perf_counter() - started
 
 
 def main() -> None:
@@ -87,6 +125,9 @@ def main() -> None:
     if sys.argv[1:2] == ["live"]:
         live.main(*map(float, sys.argv[2:3]))
         return
+    if sys.argv[1:2] == ["page"]:
+        page.main(*map(float, sys.argv[2:3]))
+        return
     if sys.argv[1:2] == ["turn"]:
         turn.main()
         return
@@ -95,8 +136,9 @@ def main() -> None:
     for owner, name, label, _ in STAGES:
         watch(owner, name, times[label])
     watch(Slam, "process", times["slam"])
-    recorder, wall_s = run(seconds)
-    frame_ms = np.array(recorder.frame_ms[int(WARM_UP_S * 20) :])
+    memory_mb: list[float] = []
+    every_ms, wall_s = run(seconds, memory_mb)
+    frame_ms = np.array(every_ms[int(WARM_UP_S * 20) :])
     table = Table("stage", "mean ms", "p95 ms", "budget ms", title=f"{seconds:g} s of configs/sim.yaml, {SETTING}")
     for _, _, label, budget in STAGES:
         ms = np.array(times[label]) if times[label] else np.array([np.nan])
@@ -106,9 +148,14 @@ def main() -> None:
     table.add_row(
         "estimator and map, one frame", f"{frame_ms.mean():.2f}", f"{np.percentile(frame_ms, 95):.2f}", "9 / 14"
     )
+    tenth = max(len(frame_ms) // SHARE, 1)
+    for label, ms in (("of that, the first tenth", frame_ms[:tenth]), ("of that, the last tenth", frame_ms[-tenth:])):
+        table.add_row(label, f"{ms.mean():.2f}", f"{np.percentile(ms, 95):.2f}", "")
     console = Console()
     console.print(f"{platform.processor() or platform.machine()}, Python {platform.python_version()}")
     console.print(table)
+    told = f"{memory_mb[1]:.0f} MB after a tenth, {memory_mb[-1]:.0f} at the end"
+    console.print(f"memory: {told}")
     console.print(f"real-time factor of the whole in one process: {seconds / wall_s:.2f}")
 
 

@@ -18,6 +18,7 @@ from server.auth import TOKEN_VARIABLE, token_from_environment, viewer_token_fro
 from server.logs import configure_logs
 from snakeslam.config import Config
 from snakeslam.errors import InputError, SnakeslamError
+from snakeslam.runtime.priority import go_second
 from snakeslam.runtime.spec import SessionSpec
 
 GRACE_S = 2
@@ -74,6 +75,7 @@ def serve(config: Config, *, host: str, port: int, recordings: list[Path], spec:
     token = given or secrets.token_urlsafe(24)
     spec = spec or SessionSpec(config, autostart=config.run.autostart)
     with bind(host, port) as listener, tempfile.TemporaryDirectory(prefix="snakeslam-") as folder:
+        go_second()
         url = _url(host, listener)
         settings = ServerSettings(spec, token, host, Path(folder), tuple(recordings), viewer_token=watching)
         app = create_app(settings, lambda code: _say(f"Sign in elsewhere: {url}/login?code={code}"))

@@ -9,7 +9,7 @@ import signal
 import sys
 import threading
 
-NICE = 10
+from snakeslam.runtime.priority import go_last
 
 
 def _end_with_server() -> None:
@@ -23,7 +23,7 @@ def main() -> None:
     """Run the command line in this process."""
     # Ctrl-C reaches the whole terminal group; the server decides when a run ends.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    os.nice(NICE)
+    go_last()
     threading.Thread(target=_end_with_server, name="leash", daemon=True).start()
     sys.argv[0] = "snakeslam"
     runpy.run_module("snakeslam", run_name="__main__")

@@ -12,7 +12,7 @@ from snakeslam.head.settings import HeadSettings
 from snakeslam.messages import Float, GaitCommand, Health, Verdict
 from snakeslam.robot.model import snake_model
 from snakeslam.runtime.governor import Governed
-from snakeslam.runtime.topics import Event, HeadMotion, Picture, Tick
+from snakeslam.runtime.topics import Event, Features, HeadMotion, Picture, Tick
 
 FRAME = b"\x01"
 Json = dict[str, Any]
@@ -114,11 +114,20 @@ def picture_bytes(view: View, picture: Picture) -> bytes:
         "seq": picture.seq,
         "width": picture.width,
         "height": picture.height,
-        "tracks": picture.tracks,
-        "roll_deg": None if picture.roll_rad is None else round(math.degrees(picture.roll_rad), 1),
     }
     text = json.dumps(header, separators=(",", ":")).encode()
     return FRAME + struct.pack("<I", len(text)) + text + picture.jpeg
+
+
+def features_json(view: View, features: Features) -> Json:
+    """The features followed into a frame, and how far the camera was rolled then, of /telemetry."""
+    return {
+        "type": "features",
+        "t_s": round(view.t_s(features.t_ns), 4),
+        "seq": features.seq,
+        "tracks": features.tracks,
+        "roll_deg": None if features.roll_rad is None else round(math.degrees(features.roll_rad), 1),
+    }
 
 
 def _health_json(health: Health) -> Json:

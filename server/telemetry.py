@@ -11,9 +11,9 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from server.lease import Desk
 from server.live import Live, View
 from server.metrics import Metrics
-from server.state import event_json, picture_bytes, state_json, tick_json
+from server.state import event_json, features_json, picture_bytes, state_json, tick_json
 from snakeslam.messages import MapChunk
-from snakeslam.runtime.topics import Ended, Event, Picture, Report, Started, Tick
+from snakeslam.runtime.topics import Ended, Event, Features, Picture, Report, Started, Tick
 
 MAX_EVENTS = 100
 MAX_CLIENTS = 32
@@ -110,6 +110,8 @@ class Telemetry:
             self._metrics.pictures.inc()
             if self._clients:
                 self._broadcast("picture", picture_bytes(view, report))
+        elif isinstance(report, Features):
+            self._broadcast("features", json.dumps(features_json(view, report), separators=(",", ":")))
         elif isinstance(report, Event):
             self._event(json.dumps(event_json(view, report), separators=(",", ":")))
         elif isinstance(report, Ended):
@@ -121,7 +123,7 @@ class Telemetry:
             self.tell_state()
 
     def _has_news(self, report: Report) -> bool:
-        return not isinstance(report, MapChunk | Picture) and self._news_of() != self._news
+        return not isinstance(report, MapChunk | Picture | Features) and self._news_of() != self._news
 
     def _news_of(self) -> dict[str, Any]:
         state = state_json(self._live, self._desk)

@@ -136,10 +136,12 @@ class Scene:
         """Draw a chunk of the map; its points keep half precision because they are near their keyframe."""
         if len(chunk.points_K) == 0:
             return
+        # In no order, so that a browser that draws only the first part shows a fair sample: web/src/viewer-frame.ts.
+        order = np.random.default_rng(chunk.key).permutation(len(chunk.points_K))
         self._chunks[chunk.key] = self._scene.add_point_cloud(
             f"/map/{chunk.key}",
-            chunk.points_K,
-            chunk.rgb,
+            chunk.points_K[order],
+            chunk.rgb[order],
             point_size=POINT_SIZE_M,
             point_shading="flat",
             precision="float16",
@@ -148,6 +150,10 @@ class Scene:
         )
 
     def _furnish(self) -> None:
+        # Its three shadow maps cost a browser without a graphics card more than all else it draws.
+        self._scene.configure_default_lights(cast_shadow=False)
+        # Nor is there any light from surroundings: blurring their picture stops such a browser for ten seconds.
+        self._scene.configure_environment_map(None)
         self._scene.add_grid(
             "/grid",
             width=40.0,

@@ -22,15 +22,16 @@ SUBPROTOCOL = f"viser-v{viser_version}"
 MAX_MESSAGE_BYTES = 4096
 REFUSED_PARAMETERS = ("websocket", "playbackPath")
 POLICY = (
-    "default-src 'none'; script-src 'unsafe-inline' 'wasm-unsafe-eval' blob:; style-src 'unsafe-inline'; "
+    "default-src 'none'; script-src 'self' 'unsafe-inline' 'wasm-unsafe-eval' blob:; style-src 'unsafe-inline'; "
     "img-src 'self' data: blob:; font-src data:; connect-src 'self' data: blob:; worker-src blob:; "
     "frame-ancestors 'self'"
 )
 # Its panel and its notices have nothing to offer here, and in a frame it would wait for the focus to connect.
+# viewer-frame.js must run before viser's own script.
 HEAD = (
-    "<style>[data-floating-window],[data-dock-region],.mantine-Paper-root,.mantine-Notifications-root"
+    "<head><style>[data-floating-window],[data-dock-region],.mantine-Paper-root,.mantine-Notifications-root"
     "{display:none!important}</style>"
-    "<script>document.hasFocus=()=>true</script></head>"
+    '<script>document.hasFocus=()=>true</script><script src="/viewer-frame.js"></script>'
 )
 # Fields of viser's ViewerCameraMessage: how many numbers each one has (0: a bare one).
 CAMERA_FIELDS = {
@@ -99,7 +100,7 @@ class ViewerProxy:
             page = await self._http.get("/", headers={"Accept-Encoding": "identity"})
         except httpx.TransportError as error:
             raise Problem(HTTPStatus.BAD_GATEWAY, "the viewer does not answer") from error
-        text = page.text.replace("</head>", HEAD, 1)
+        text = page.text.replace("<head>", HEAD, 1)
         return Response(text, page.status_code, {"Content-Security-Policy": POLICY}, "text/html; charset=utf-8")
 
     async def _socket(self, client: WebSocket) -> None:

@@ -290,14 +290,22 @@ def _experiment(
 @contextmanager
 def _terminable() -> Generator[None]:
     """Let SIGTERM leave through the ``finally`` blocks, so that a cancelled run leaves nothing behind."""
+    leaving = False
 
     def leave(signal_number: int, stack: object) -> NoReturn:
+        nonlocal leaving
         del signal_number, stack
+        leaving = True
         sys.exit(TERMINATED)
 
     before = signal.signal(signal.SIGTERM, leave)
     try:
         yield
+    except Exception as error:
+        # Compiled code that is interrupted may give an error of its own instead.
+        if leaving:
+            raise SystemExit(TERMINATED) from error
+        raise
     finally:
         signal.signal(signal.SIGTERM, before)
 

@@ -237,9 +237,9 @@ def test_a_cancelled_run_leaves_nothing(tmp_path: Path, checkout: Path) -> None:
             assert process.poll() is None, "".join(said)
             assert (tmp_path / "deep").exists()
             process.send_signal(signal.SIGTERM)
-            out, _ = process.communicate(timeout=120)
+            out, err = process.communicate(timeout=120)
         finally:
             process.kill()
-    assert process.returncode == 143
+    assert process.returncode == 143, err
     assert out == ""
     assert files(tmp_path) == []

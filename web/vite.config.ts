@@ -4,7 +4,15 @@ import { defineConfig } from "vite";
 const server = "http://127.0.0.1:8000";
 
 export default defineConfig({
-  build: { target: "es2022", assetsInlineLimit: 0 },
+  build: {
+    target: "es2022",
+    assetsInlineLimit: 0,
+    rolldownOptions: {
+      input: ["index.html", "src/viewer-frame.ts"],
+      // The server names it in the viewer's page.
+      output: { entryFileNames: ({ name }) => (name === "viewer-frame" ? "[name].js" : "assets/[name]-[hash].js") },
+    },
+  },
   server: {
     proxy: {
       "/api": { target: server, ws: true },

@@ -36,16 +36,6 @@ def vee(W: Array) -> Array:
     return np.stack([W[..., 2, 1], W[..., 0, 2], W[..., 1, 0]], axis=-1)
 
 
-def _jacobian_factors(angle: Array) -> tuple[Array, Array]:
-    """Return (1 - cos t)/t^2 and (t - sin t)/t^3, by series near zero."""
-    small = angle < SMALL_ANGLE_RAD
-    t = np.where(small, 1.0, angle)
-    a2 = angle * angle
-    second = np.where(small, 0.5 - a2 / 24.0, 2.0 * (np.sin(t / 2.0) / t) ** 2)
-    third = np.where(small, 1.0 / 6.0 - a2 / 120.0, (t - np.sin(t)) / t**3)
-    return second, third
-
-
 def exp(w: Array) -> Array:
     """Return Exp(w) = I + sin(t)/t [w]x + (1 - cos t)/t^2 [w]x^2 with t = |w|, (..., 3) -> (..., 3, 3)."""
     w = np.asarray(w, dtype=np.float64)
@@ -94,21 +84,59 @@ def _logs(R: Array) -> Array:
 def right_jacobian(w: Array) -> Array:
     """Return Jr(w) with Exp(w + d) = Exp(w) Exp(Jr(w) d) to first order, (..., 3) -> (..., 3, 3)."""
     w = np.asarray(w, dtype=np.float64)
-    second, third = _jacobian_factors(np.linalg.norm(w, axis=-1))
-    W = hat(w)
-    return np.eye(3) - second[..., None, None] * W + third[..., None, None] * (W @ W)
+    return _jacobians(_rows(w, 1)).reshape(*w.shape, 3)
+
+
+@compiled
+def _jacobians(w: Array) -> Array:
+    """Jr = I - (1 - cos t)/t^2 [w]x + (t - sin t)/t^3 [w]x^2, by series near zero."""
+    out = np.empty((len(w), 3, 3))
+    for n in range(len(w)):
+        t2 = np.sum(w[n] * w[n])
+        t = np.sqrt(t2)
+        if t < SMALL_ANGLE_RAD:
+            second, third = 0.5 - t2 / 24.0, 1.0 / 6.0 - t2 / 120.0
+        else:
+            second, third = 2.0 * (np.sin(t / 2.0) / t) ** 2, (t - np.sin(t)) / t**3
+        _polynomial(w[n], -second, third, out[n])
+    return out
 
 
 def right_jacobian_inv(w: Array) -> Array:
     """Return Jr(w)^-1 with Log(Exp(w) Exp(d)) = w + Jr(w)^-1 d to first order, (..., 3) -> (..., 3, 3)."""
     w = np.asarray(w, dtype=np.float64)
-    angle = np.linalg.norm(w, axis=-1)
-    small = angle < SMALL_ANGLE_RAD
-    t = np.where(small, 1.0, angle)
-    exact = (1.0 - 0.5 * t * np.cos(t / 2.0) / np.where(small, 1.0, np.sin(t / 2.0))) / t**2
-    factor = np.where(small, 1.0 / 12.0 + angle**2 / 720.0, exact)
-    W = hat(w)
-    return np.eye(3) + 0.5 * W + factor[..., None, None] * (W @ W)
+    return _inverse_jacobians(_rows(w, 1)).reshape(*w.shape, 3)
+
+
+@compiled
+def _inverse_jacobians(w: Array) -> Array:
+    """Jr^-1 = I + [w]x / 2 + (1 - t cos(t/2) / (2 sin(t/2))) / t^2 [w]x^2, by series near zero."""
+    out = np.empty((len(w), 3, 3))
+    for n in range(len(w)):
+        t2 = np.sum(w[n] * w[n])
+        t = np.sqrt(t2)
+        if t < SMALL_ANGLE_RAD:
+            factor = 1.0 / 12.0 + t2 / 720.0
+        else:
+            factor = (1.0 - 0.5 * t * np.cos(t / 2.0) / np.sin(t / 2.0)) / t2
+        _polynomial(w[n], 0.5, factor, out[n])
+    return out
+
+
+@compiled
+def _polynomial(w: Array, first: float, second: float, out: Array) -> None:
+    """Write I + first [w]x + second [w]x^2, with [w]x^2 = w w^T - |w|^2 I."""
+    x, y, z = w
+    rest = 1.0 - second * (x * x + y * y + z * z)
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = second * w[i] * w[j] + (rest if i == j else 0.0)
+    out[0, 1] -= first * z
+    out[0, 2] += first * y
+    out[1, 0] += first * z
+    out[1, 2] -= first * x
+    out[2, 0] -= first * y
+    out[2, 1] += first * x
 
 
 def quat_wxyz_from_matrix(R: Array) -> Array:

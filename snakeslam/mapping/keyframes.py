@@ -4,9 +4,10 @@ import numpy as np
 
 from snakeslam.calibration import CameraCalibration
 from snakeslam.estimation.camera import PinholeCamera
-from snakeslam.geometry import so3
-from snakeslam.mapping.chunks import chunk_points
+from snakeslam.geometry import se3, so3
+from snakeslam.mapping.chunks import depth_points
 from snakeslam.mapping.settings import MappingSettings
+from snakeslam.mapping.voxels import Voxels
 from snakeslam.messages import CameraFrame, Float, MapChunk
 
 
@@ -16,19 +17,21 @@ class KeyframeMapper:
     def __init__(self, settings: MappingSettings, calibration: CameraCalibration) -> None:
         self._settings = settings
         self._camera = PinholeCamera(calibration)
+        self._voxels = Voxels(settings.voxel_m)
         self._Ts_WK: list[Float] = []
         self._last: tuple[int, Float] | None = None
 
     def update(self, frame: CameraFrame, T_WC: Float) -> tuple[MapChunk, ...]:
-        """Return the new chunk of a frame, or nothing where the map has the view already or the picture is blurred."""
+        """Return the new chunk of a frame: the points of a new view where the map has none; nothing if blurred."""
         blurred = self._turns_fast(frame.t_ns, T_WC)
         if frame.depth_m is None or blurred or not self._is_new(T_WC):
             return ()
-        points_K, rgb = chunk_points(frame, self._camera, self._settings)
+        points_K, rgb = depth_points(frame, self._camera, self._settings)
         self._Ts_WK.append(T_WC)
-        if not len(points_K):
+        chosen = self._voxels.fill(se3.act(T_WC, points_K), self._settings.max_points)
+        if not len(chosen):
             return ()
-        return (MapChunk(len(self._Ts_WK) - 1, 0, T_WC, points_K, rgb),)
+        return (MapChunk(len(self._Ts_WK) - 1, 0, T_WC, points_K[chosen].astype(np.float32), rgb[chosen]),)
 
     def _turns_fast(self, t_ns: int, T_WC: Float) -> bool:
         last, self._last = self._last, (t_ns, T_WC)

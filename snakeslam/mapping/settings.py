@@ -19,7 +19,7 @@ class MappingSettings(Settings):
     max_rate_deg_s: Positive = 60.0
     """Frames that turn faster are left out: their pictures are blurred."""
     voxel_m: Positive = 0.02
-    """One point is kept in each cube of this size."""
+    """One point is kept in each cube of the world of this size."""
     depth_min_m: Positive = 0.25
     depth_max_m: Positive = 4.0
     edge_ratio: Positive = 0.06

@@ -4,11 +4,14 @@ import queue
 from time import monotonic_ns
 
 from snakeslam.config import Config
+from snakeslam.garbage import collect_seldom
 from snakeslam.runtime.assembly import build_scene
 from snakeslam.runtime.bus import Bus
 from snakeslam.runtime.link import Link
 from snakeslam.runtime.node import Child, Life, spawn
-from snakeslam.runtime.topics import CAMERA_READY, EXPOSURES, FRAMES
+from snakeslam.runtime.pictures import Pictures
+from snakeslam.runtime.priority import go_apart
+from snakeslam.runtime.topics import CAMERA_READY, EXPOSURES, FRAMES, PICTURES
 from snakeslam.runtime.wire import Beat, Exposure
 
 WAITING = 2
@@ -22,11 +25,14 @@ def camera_process(config: Config, link: Link) -> Child:
 
 def run_camera(config: Config, link: Link, life: Life) -> None:
     """Draw what the robot node asks for until the life ends; say so until it first does."""
+    go_apart()
     scene = build_scene(config)
     bus = Bus(link, wanted=lambda: not life.over)
     wanted: queue.Queue[Exposure] = queue.Queue()
     bus.subscribe(EXPOSURES, wanted.put)
+    pictures = Pictures(lambda picture: bus.publish(PICTURES, picture))
     asked = False
+    collect_seldom()
     try:
         while not life.over:
             try:
@@ -38,7 +44,9 @@ def run_camera(config: Config, link: Link, life: Life) -> None:
             asked = True
             while wanted.qsize() >= WAITING:
                 exposure = wanted.get()
-            bus.publish(FRAMES, scene.expose(exposure.shot))
+            frame = scene.expose(exposure.shot)
+            bus.publish(FRAMES, frame)
+            pictures.show(frame)
     finally:
         bus.close()
         scene.close()

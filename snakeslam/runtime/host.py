@@ -25,6 +25,7 @@ from snakeslam.runtime.supervisor import Supervisor
 from snakeslam.runtime.topics import (
     CHUNKS,
     ESTOP,
+    FEATURES,
     HELLO,
     ORDERS,
     PICTURES,
@@ -162,7 +163,7 @@ class NodesHost:
         bus.subscribe(HELLO, self._on_hello)
         bus.subscribe(ROBOT_STATE, self._on_robot)
         bus.subscribe(SLAM_STATE, self._on_slam)
-        for topic in (PICTURES, CHUNKS, ROBOT_EVENTS, SLAM_EVENTS):
+        for topic in (PICTURES, FEATURES, CHUNKS, ROBOT_EVENTS, SLAM_EVENTS):
             bus.subscribe(topic, self._on_report)
         self._bus = bus
 

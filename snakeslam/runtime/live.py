@@ -1,10 +1,10 @@
-"""The live view's sink: what the loop gives becomes ticks, pictures, chunks and events for the host."""
+"""The live view's sink: what the loop gives becomes ticks, features, chunks and events for the host."""
 
+from bisect import bisect_left
 from collections import deque
 from collections.abc import Callable, Sequence
 from time import monotonic
 
-import cv2
 import numpy as np
 
 from snakeslam.geometry import se3
@@ -23,11 +23,10 @@ from snakeslam.messages import (
 from snakeslam.robot.kinematics import link_poses_from_imu
 from snakeslam.robot.model import SnakeModel
 from snakeslam.runtime.stillness import HeadStillness
-from snakeslam.runtime.topics import Event, Picture, Report, SlamState
+from snakeslam.runtime.topics import Event, Features, Report, SlamState
 
 NS = 1e-9
 PERIOD_S = 0.05
-JPEG_QUALITY = 80
 TRUTH_KEPT = 400
 LEAST_STEP_M = 0.01
 
@@ -44,12 +43,12 @@ class TruthView:
         self._align_T_WG: Float | None = None
 
     def on_truth(self, truth: Sequence[GroundTruth]) -> None:
-        """Take new truth."""
+        """Take new truth, in time order."""
         self._recent.extend(truth)
 
     def at(self, t_ns: int, T_WI: Float | None) -> Float | None:
         """Return the aligned truth nearest to ``t_ns`` (within 20 ms), (4, 4); the first estimate aligns it."""
-        nearest = min(self._recent, key=lambda truth: abs(truth.t_ns - t_ns), default=None)
+        nearest = self._nearest(t_ns)
         if nearest is None or abs(nearest.t_ns - t_ns) * NS > 0.02:
             return None
         if self._align_T_WG is None:
@@ -58,6 +57,11 @@ class TruthView:
             align = yaw_alignment if self._gravity_known else _full_alignment
             self._align_T_WG = align(T_WI, nearest.T_WI)
         return self._align_T_WG @ nearest.T_WI
+
+    def _nearest(self, t_ns: int) -> GroundTruth | None:
+        after = bisect_left(self._recent, t_ns, key=lambda truth: truth.t_ns)
+        around = [self._recent[k] for k in (after - 1, after) if 0 <= k < len(self._recent)]
+        return min(around, key=lambda truth: abs(truth.t_ns - t_ns), default=None)
 
 
 def yaw_alignment(T_WI: Float, T_GI: Float) -> Float:
@@ -95,7 +99,7 @@ class LiveSink:
         self._distance_m: float | None = None
         self._last_p_W: Float | None = None
         self._frames: deque[float] = deque(maxlen=40)
-        self._tick_at = self._picture_at = -np.inf
+        self._tick_at = -np.inf
         self._t_frame_ns = 0
 
     def set_period(self, period_s: float) -> None:
@@ -121,7 +125,7 @@ class LiveSink:
 
     def on_update(self, update: SlamUpdate, frame: CameraFrame, slam_ms: float) -> None:
         """Take slam's word on a frame."""
-        del slam_ms
+        del frame, slam_ms
         self._frames.append(self._clock())
         self._health, self._t_frame_ns = update.health, update.t_ns
         self._newest_T_WI = None if update.pose is None else update.pose.T_WI
@@ -136,7 +140,7 @@ class LiveSink:
             self._still.restart()
         for text in update.events:
             self._put(Event(update.t_ns, "warning" if text == "reset" else "info", text))
-        self._show(update, frame)
+        self._tell_features(update)
 
     def due(self) -> bool:
         """Whether it is time for a tick."""
@@ -182,22 +186,11 @@ class LiveSink:
             return None
         return (len(self._frames) - 1) / max(self._frames[-1] - self._frames[0], 1e-6)
 
-    def _show(self, update: SlamUpdate, frame: CameraFrame) -> None:
-        now = self._clock()
-        if now - self._picture_at < PERIOD_S * 0.9:
-            return
-        self._picture_at = now
-        bgr = frame.gray if frame.rgb is None else frame.rgb[:, :, ::-1]
-        coded, jpeg = cv2.imencode(".jpg", np.ascontiguousarray(bgr), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
-        if not coded:
-            return
-        tracks = tuple(
-            (round(float(x), 1), round(float(y), 1), int(inlier), int(key))
-            for (x, y), inlier, key in zip(update.tracks_px, update.track_inliers, update.track_ids, strict=True)
-        )
-        height, width = frame.gray.shape
+    def _tell_features(self, update: SlamUpdate) -> None:
+        places = np.round(update.tracks_px.astype(np.float64), 1).reshape(-1, 2).T.tolist()
+        tracks = tuple(zip(*places, update.track_inliers.astype(int).tolist(), update.track_ids.tolist(), strict=True))
         roll_rad = None if update.pose is None else camera_roll_rad(update.pose.T_WI[:3, :3] @ self._R_IC)
-        self._put(Picture(update.t_ns, update.seq, width, height, tracks, jpeg.tobytes(), roll_rad))
+        self._put(Features(update.t_ns, update.seq, tracks, roll_rad))
 
 
 def camera_roll_rad(R_WC: Float) -> float:

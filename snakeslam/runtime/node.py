@@ -13,6 +13,7 @@ from typing import Any
 
 from snakeslam.errors import SnakeslamError
 from snakeslam.runtime.logs import log_to_stderr
+from snakeslam.runtime.priority import go_along
 from snakeslam.threads import use_one_thread
 
 POLL_S = 0.05
@@ -77,6 +78,7 @@ def spawn(name: str, run: Callable[..., None], *arguments: Any) -> Child:
 def _run_child(run: Callable[..., None], arguments: tuple[Any, ...], pipe: "Connection[str, None]") -> None:
     # Ctrl-C reaches the whole terminal group; the parent decides when its nodes end.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    go_along()
     log_to_stderr()
     _show_name()
     life = Life(pipe)

@@ -4,7 +4,7 @@ import threading
 from collections import deque
 from multiprocessing.connection import Connection
 
-from snakeslam.runtime.topics import Event, Picture, Report, Tick
+from snakeslam.runtime.topics import Event, Features, Picture, Report, Tick
 
 MAX_EVENTS = 500
 
@@ -30,7 +30,7 @@ class Outbox:
     def put(self, report: Report) -> None:
         """Hand over a report; returns at once."""
         with self._changed:
-            if isinstance(report, Tick | Picture):
+            if isinstance(report, Tick | Picture | Features):
                 self._newest[type(report)] = report
             elif isinstance(report, Event):
                 self._events.append(report)

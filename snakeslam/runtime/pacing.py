@@ -8,9 +8,9 @@ NS = 1e-9
 
 
 class Pacer:
-    """Says how long to wait for real time; a loop that falls behind is not made to catch up in a burst."""
+    """Says how long to wait for real time; up to ``slack_s`` behind is caught up, more than that is let go."""
 
-    def __init__(self, clock: Callable[[], float] = monotonic, slack_s: float = 0.1, window_s: float = 3.0) -> None:
+    def __init__(self, clock: Callable[[], float] = monotonic, slack_s: float = 0.5, window_s: float = 3.0) -> None:
         self._clock = clock
         self._slack_s = slack_s
         self._window_s = window_s

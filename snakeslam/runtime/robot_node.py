@@ -11,6 +11,7 @@ import structlog
 
 from snakeslam.backends.base import Backend
 from snakeslam.errors import InputError
+from snakeslam.garbage import collect_seldom
 from snakeslam.runtime.assembly import build_backend, build_control, build_simulator
 from snakeslam.runtime.bus import Bus
 from snakeslam.runtime.camera_node import camera_process
@@ -18,6 +19,7 @@ from snakeslam.runtime.codec import WireError
 from snakeslam.runtime.link import Link
 from snakeslam.runtime.node import Life
 from snakeslam.runtime.orders import command_of
+from snakeslam.runtime.priority import go_first
 from snakeslam.runtime.robot import Robot
 from snakeslam.runtime.robot_time import RobotTime
 from snakeslam.runtime.safety import SERVER, SLAM
@@ -190,6 +192,7 @@ class RobotNode:
 
 def run_robot(spec: SessionSpec, link: Link, life: Life) -> None:
     """Run the robot node until its life ends; it leaves the robot in a hold."""
+    go_first()
     parts = Supervisor(_tell_of_part)
     apart = spec.build is None and spec.recording is None
     try:
@@ -198,6 +201,7 @@ def run_robot(spec: SessionSpec, link: Link, life: Life) -> None:
             parts.start("camera", lambda: camera_process(spec.config, replace(link, listens=False)))
         with closing(_build(spec)) as backend, closing(Bus(link, wanted=lambda: not life.over)) as bus:
             robot = _robot(spec, backend, bus)
+            collect_seldom()
             _go_on(RobotNode(robot, bus, _hello(spec, robot), camera=apart), robot, life)
     finally:
         parts.close()

@@ -15,27 +15,32 @@ from time import monotonic
 from snakeslam.backends.base import Backend
 from snakeslam.config import Config
 from snakeslam.errors import SnakeslamError
-from snakeslam.messages import Float, JointState, JointTarget, Packet
+from snakeslam.messages import CameraFrame, Float, JointState, JointTarget, Packet
 from snakeslam.runtime import compose
 from snakeslam.runtime.assembly import build_backend, build_slam, mode_for
 from snakeslam.runtime.live import LiveSink
 from snakeslam.runtime.lockstep import Loop
 from snakeslam.runtime.outbox import Outbox
 from snakeslam.runtime.pacing import Pacer
+from snakeslam.runtime.pictures import Pictures
+from snakeslam.runtime.priority import go_along
 from snakeslam.runtime.spec import SessionSpec
 from snakeslam.runtime.topics import Answer, Command, Ended, Report, RobotState, Shutdown
 from snakeslam.threads import use_one_thread
 
 
 class _Sink(LiveSink):
-    """Keeps the measured angles too, which otherwise the robot tells of."""
+    """Keeps the measured angles too, which otherwise the robot tells of, and shows the pictures."""
 
     q_measured_rad: Float | None = None
+    pictures: Pictures
 
     def on_packet(self, packet: Packet) -> None:
         super().on_packet(packet)
         if isinstance(packet, JointState):
             self.q_measured_rad = packet.q_rad
+        elif isinstance(packet, CameraFrame):
+            self.pictures.show(packet)
 
     def on_target(self, target: JointTarget) -> None:
         raise AssertionError(f"a recording takes no target: {target}")
@@ -54,6 +59,7 @@ class Session:
         # The visual estimator starts level with its camera, however that is held.
         R_IC = self.backend.rig.cam0.T_IC[:3, :3]
         self._sink = _Sink(self.backend.model, put, R_IC, gravity_known=self._mode != "visual")
+        self._sink.pictures = Pictures(put)
         self._loop = Loop(self.backend, None, build_slam(config, self.backend), self._sink)
         put(compose.started(self.backend.t_ns, self._mode, self.backend.rig, self.backend.model, None))
 
@@ -107,6 +113,7 @@ def run_session(spec: SessionSpec, pipe: "Connection[Report, Command]") -> None:
     """Run a session to its end; the child's entry point."""
     # Ctrl-C reaches the whole terminal group; the host decides when the session ends.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    go_along()
     outbox = Outbox(pipe)
     try:
         _run(spec, pipe, outbox)

@@ -11,6 +11,7 @@ import cv2
 import structlog
 
 from snakeslam.config import Config
+from snakeslam.garbage import collect_seldom
 from snakeslam.messages import CameraFrame, JointTarget, MapChunk, Packet, SlamUpdate
 from snakeslam.robot.model import snake_model
 from snakeslam.runtime.anchor import Anchor
@@ -20,9 +21,12 @@ from snakeslam.runtime.link import Link
 from snakeslam.runtime.live import LiveSink
 from snakeslam.runtime.merge import Item, Merge
 from snakeslam.runtime.node import Life
+from snakeslam.runtime.pictures import Pictures
+from snakeslam.runtime.priority import SLAM_NICE, go_apart
 from snakeslam.runtime.topics import (
     CHUNKS,
     ESTIMATES,
+    FEATURES,
     FRAMES,
     HELLO,
     PICTURES,
@@ -33,7 +37,7 @@ from snakeslam.runtime.topics import (
     SLAM_EVENTS,
     SLAM_STATE,
     Event,
-    Picture,
+    Features,
     Report,
     RobotState,
     SlamState,
@@ -52,13 +56,13 @@ _log = structlog.get_logger("slam")
 
 
 class Mapping:
-    """Slam over the sensors of one boot of the robot; no bus in sight. ``put`` gets pictures, chunks and events."""
+    """Slam over the sensors of one boot of the robot; no bus in sight. ``put`` gets features, chunks and events."""
 
     def __init__(self, config: Config, hello: Hello, put: Callable[[Report], None]) -> None:
         # The same picture must give the same features in every run, on any number of cores.
         cv2.setNumThreads(1)
         cv2.setRNGSeed(0)
-        self.boot, self.mode = hello.boot, config.estimator.mode
+        self.boot, self.mode, self.simulated = hello.boot, config.estimator.mode, hello.simulated
         model = None if hello.robot is None else snake_model(hello.robot)
         self._slam = Slam(config.estimator, config.mapping, hello.rig, hello.seed, model)
         R_IC = hello.rig.cam0.T_IC[:3, :3]
@@ -136,7 +140,9 @@ class SlamNode:
         self._chunks: dict[int, MapChunk] = {}
         self._servers: deque[str] = deque(maxlen=KNOWN_SERVERS)
         self._turned_s = monotonic()
-        for topic in (FRAMES, ROBOT_STATE, SERVER_BEAT):
+        self.pictures = Pictures(lambda picture: bus.publish(PICTURES, picture))
+        bus.subscribe(FRAMES, self._see)
+        for topic in (ROBOT_STATE, SERVER_BEAT):
             bus.subscribe(topic, self._inbox.put)
         for topic in (HELLO, SENSORS):
             bus.subscribe(topic, self._hear)
@@ -173,6 +179,12 @@ class SlamNode:
             self.beat()
         if self._mapping.due():
             self._bus.publish(SLAM_STATE, self._mapping.state())
+
+    def _see(self, frame: CameraFrame) -> None:
+        """Pass a frame on to slam, and to the page where no camera's process does; neither waits for the other."""
+        self._inbox.put(frame)
+        if self._mapping is not None and not self._mapping.simulated:
+            self.pictures.hear(frame)
 
     def _hear(self, message: Hello | Sensors) -> None:
         """Read the robot's clock as the message comes in, not when it is its turn."""
@@ -213,27 +225,36 @@ class SlamNode:
         if isinstance(report, MapChunk):
             self._chunks[report.key] = report
             self._bus.publish(CHUNKS, report)
-        elif isinstance(report, Picture):
-            self._bus.publish(PICTURES, report)
+        elif isinstance(report, Features):
+            self._bus.publish(FEATURES, report)
         elif isinstance(report, Event):
             self._bus.publish(SLAM_EVENTS, report)
 
 
 def run_slam(config: Config, link: Link, life: Life) -> None:
     """Run the slam node until its life ends."""
+    go_apart(SLAM_NICE)
     bus = Bus(link, wanted=lambda: not life.over)
     node = SlamNode(config, bus)
-    beats = threading.Thread(target=_beat_on, args=(node, life), name="beat", daemon=True)
-    beats.start()
+    beside = [threading.Thread(target=target, args=(node, life), daemon=True) for target in (_beat_on, _show_on)]
+    for thread in beside:
+        thread.start()
+    collect_seldom()
     try:
         while not life.over:
             node.turn()
     finally:
         life.end()
-        beats.join()
+        for thread in beside:
+            thread.join()
         bus.close()
 
 
 def _beat_on(node: SlamNode, life: Life) -> None:
     while not life.wait(BEAT_S):
         node.beat()
+
+
+def _show_on(node: SlamNode, life: Life) -> None:
+    while not life.over:
+        node.pictures.turn()

@@ -203,17 +203,25 @@ class Tick:
 
 @dataclass(frozen=True, slots=True)
 class Picture:
-    """One camera frame as JPEG, and the features followed into it: rows of (x_px, y_px, inlier 0 or 1, id).
+    """One camera frame as JPEG."""
+
+    t_ns: int
+    seq: int
+    width: int
+    height: int
+    jpeg: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Features:
+    """The features followed into frame ``seq``: rows of (x_px, y_px, inlier 0 or 1, id).
 
     ``roll_rad`` is how far the camera was rolled about its view, clockwise as it sees itself, None where not known.
     """
 
     t_ns: int
     seq: int
-    width: int
-    height: int
     tracks: tuple[tuple[float, float, int, int], ...]
-    jpeg: bytes
     roll_rad: float | None = None
 
 
@@ -247,7 +255,7 @@ class Ended:
     error: str | None
 
 
-Report = Started | Tick | Picture | MapChunk | Event | Restarting | Silence | Ended
+Report = Started | Tick | Picture | Features | MapChunk | Event | Restarting | Silence | Ended
 
 T_co = TypeVar("T_co", covariant=True)
 Policy = Literal["lossless", "newest", "urgent"]
@@ -278,15 +286,16 @@ ROBOT_EVENTS = Topic("robot/events", Event, None, "lossless", recorded=True)
 EXPOSURES = Topic("camera/exposures", Exposure, 20.0, "newest")
 CAMERA_READY = Topic("camera/ready", Beat, 10.0, "newest")
 FRAMES = Topic("camera/frames", CameraFrame, 20.0, "newest", recorded=True, bulky=True)
+PICTURES = Topic("camera/pictures", Picture, 20.0, "newest")
 SERVER_BEAT = Topic("server/beat", Beat, 20.0, "newest")
 SLAM_BEAT = Topic("slam/beat", Beat, 20.0, "newest")
 ESTIMATES = Topic("slam/estimates", Estimate, 20.0, "newest", recorded=True)
 SLAM_STATE = Topic("slam/state", SlamState, 20.0, "newest")
-PICTURES = Topic("slam/pictures", Picture, 20.0, "newest")
+FEATURES = Topic("slam/features", Features, 20.0, "newest")
 CHUNKS = Topic("slam/chunks", MapChunk, None, "lossless", recorded=True, bulky=True)
 SLAM_EVENTS = Topic("slam/events", Event, None, "lossless", recorded=True)
 
 TOPICS = (
     ESTOP, ORDERS, HELLO, SENSORS, ROBOT_STATE, ROBOT_EVENTS, EXPOSURES, CAMERA_READY, FRAMES,
-    SERVER_BEAT, SLAM_BEAT, ESTIMATES, SLAM_STATE, PICTURES, CHUNKS, SLAM_EVENTS,
+    PICTURES, SERVER_BEAT, SLAM_BEAT, ESTIMATES, SLAM_STATE, FEATURES, CHUNKS, SLAM_EVENTS,
 )  # fmt: skip

@@ -19,6 +19,7 @@ from snakeslam.config import Config
 from snakeslam.control import Control
 from snakeslam.errors import InputError
 from snakeslam.gaits.catalogue import resolve
+from snakeslam.garbage import collect_seldom
 from snakeslam.mapping.export import write_ply
 from snakeslam.messages import GaitCommand
 from snakeslam.recording.datasets import SENSORS
@@ -66,6 +67,7 @@ def run_experiment(
         recorder = Recorder(_sensor_writer(config, recording, part, backend))
         slam, governor = build_slam(config, backend), build_governor(config)
         loop = Loop(backend, build_control(config, backend), slam, recorder, governor)
+        collect_seldom()
         wall_s = turn_loop(loop, config, _end_ns(config, backend, duration_s), progress or (lambda _: None))
         metrics = _evaluate(config, backend, recorder, wall_s)
         _write(part, config, recording, recorder, metrics)

@@ -1,4 +1,4 @@
-"""A real Chromium, drawing WebGL in software."""
+"""A real Chromium as on a laptop without a graphics card: WebGL by the processor, the page itself without GL."""
 
 import os
 import shutil
@@ -13,10 +13,7 @@ ARGUMENTS = [
     "--disable-background-networking",
     "--disable-component-update",
     "--disable-default-apps",
-    "--use-gl=angle",
-    "--use-angle=swiftshader",
     "--enable-unsafe-swiftshader",
-    "--disable-gpu-sandbox",
 ]
 
 

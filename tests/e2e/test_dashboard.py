@@ -106,8 +106,37 @@ def test_the_3d_view_draws_a_growing_map(page: Page) -> None:
     upper = screenshot_rgb(page.locator("#viewer"))[:-60]
     colours = np.unique(upper.reshape(-1, 3) // 16, axis=0)
     assert len(colours) > 20, "the 3D view is nearly one colour"
-    # Drawing it in software takes a core; the other tests do without.
-    page.evaluate("document.getElementById('viewer').src = 'about:blank'")
+
+
+def test_the_3d_view_rests_after_a_picture_that_took_long(page: Page) -> None:
+    """So that drawing without a graphics card leaves the operator's controls their share."""
+    rest_ms = viewer_frame(page).evaluate(
+        """async () => {
+          const now = () => performance.now();
+          const busy = (ms) => { const from = now(); while (now() < from + ms); return now(); };
+          const next = (work) => new Promise((done) => requestAnimationFrame(() => done(work())));
+          const slow = await next(() => busy(200));
+          return await next(now) - slow;
+        }"""
+    )
+    assert rest_ms >= 1590
+    antialiased = "document.createElement('canvas').getContext('webgl2').getContextAttributes().antialias"
+    assert viewer_frame(page).evaluate(antialiased) is False
+    assert page.evaluate(antialiased) is True
+
+
+def test_the_3d_view_draws_what_is_asked_for_once(page: Page) -> None:
+    called = viewer_frame(page).evaluate(
+        """async () => {
+          const called = [];
+          const cancelled = requestAnimationFrame(() => called.push("cancelled"));
+          cancelAnimationFrame(cancelled);
+          requestAnimationFrame(() => called.push("first"));
+          await new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)));
+          return called;
+        }"""
+    )
+    assert called == ["first"]
 
 
 @pytest.mark.usefixtures("crawling")
@@ -120,6 +149,17 @@ def test_the_camera_picture_lives(page: Page) -> None:
     page.locator("#features-toggle").press("Enter")
     poll(lambda: look_at(overlay).drawn, lambda pixels: pixels == 0, "features switched off")
     page.locator("#features-toggle").press("Enter")
+
+
+@pytest.mark.usefixtures("crawling")
+def test_the_camera_picture_is_turned_upright_and_goes_on(page: Page) -> None:
+    picture, level = page.locator("#camera-picture"), page.locator("#level-toggle")
+    turned = lambda: str(picture.evaluate("canvas => canvas.style.transform"))  # noqa: E731
+    level.press("Enter")
+    first = poll(turned, lambda transform: "rotate(" in transform, "an upright picture")
+    poll(turned, lambda transform: transform != first, "another roll")
+    level.press("Enter")
+    poll(turned, lambda transform: transform == "", "the picture as it comes")
 
 
 @pytest.mark.usefixtures("crawling")

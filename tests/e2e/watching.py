@@ -16,7 +16,12 @@ DRAW_S = 90.0
 # Looked at inside the page: to carry a picture over as JSON costs more than to draw it.
 LOOK = """canvas => {
     const {width, height} = canvas;
-    const data = canvas.getContext('2d').getImageData(0, 0, width, height).data;
+    // What a worker draws on is looked at through a canvas of one's own.
+    const own = document.createElement('canvas');
+    [own.width, own.height] = [width, height];
+    const context = own.getContext('2d', {willReadFrequently: true});
+    context.drawImage(canvas, 0, 0);
+    const data = context.getImageData(0, 0, width, height).data;
     let hash = 0, sum = 0, squares = 0, drawn = 0, colourful = 0;
     for (let i = 0; i < data.length; i += 4) {
         const [r, g, b, a] = [data[i], data[i + 1], data[i + 2], data[i + 3]];

@@ -8,10 +8,11 @@ import pytest
 from snakeslam.calibration import CameraCalibration
 from snakeslam.estimation.camera import PinholeCamera
 from snakeslam.geometry import se3, so3
-from snakeslam.mapping.chunks import chunk_points, trusted_depth
+from snakeslam.mapping.chunks import depth_points, trusted_depth
 from snakeslam.mapping.export import write_ply
 from snakeslam.mapping.keyframes import KeyframeMapper
 from snakeslam.mapping.settings import MappingSettings
+from snakeslam.mapping.voxels import Voxels
 from snakeslam.messages import CameraFrame, MapChunk
 
 IDENTITY = tuple(tuple(row) for row in np.eye(4).tolist())
@@ -26,17 +27,45 @@ def wall(depth_m: float = 2.0, seq: int = 0, t_ns: int = 0) -> CameraFrame:
 
 
 def test_points_lie_where_the_depth_says_in_the_colour_of_their_pixel() -> None:
-    points, rgb = chunk_points(wall(), PinholeCamera(CAMERA), SETTINGS)
-    assert 1000 < len(points) <= SETTINGS.max_points
+    points, rgb = depth_points(wall(), PinholeCamera(CAMERA), SETTINGS)
+    assert len(points) == 160 * 120
     np.testing.assert_allclose(points[:, 2], 2.0)
     u = points[:, 0] / points[:, 2] * 400.0 + 320.0
     np.testing.assert_array_equal(np.rint(u).astype(np.int64) % 256, rgb[:, 0])
 
 
-def test_one_point_a_voxel() -> None:
-    points, _ = chunk_points(wall(0.513), PinholeCamera(CAMERA), SETTINGS)
-    cells = {tuple(c) for c in np.floor(points.astype(np.float64) / SETTINGS.voxel_m).astype(int).tolist()}
-    assert len(cells) >= 0.98 * len(points)
+def cells(points: np.ndarray) -> set[tuple[int, ...]]:
+    return {tuple(c) for c in np.floor(points / SETTINGS.voxel_m).astype(int).tolist()}
+
+
+def test_one_point_a_voxel_of_the_world() -> None:
+    points = np.random.default_rng(1).uniform(-0.2, 0.2, (2000, 3))
+    voxels = Voxels(SETTINGS.voxel_m)
+    chosen = voxels.fill(points, 10_000)
+    assert len(chosen) == len(cells(points)) == len(cells(points[chosen]))
+    again = np.random.default_rng(2).uniform(-0.2, 0.3, (2000, 3))
+    assert cells(again[voxels.fill(again, 10_000)]) == cells(again) - cells(points)
+
+
+def test_too_many_points_are_cut_evenly_and_the_rest_may_come_later() -> None:
+    points = np.stack([np.arange(1000) * 0.05, np.zeros(1000), np.zeros(1000)], axis=-1)
+    voxels = Voxels(SETTINGS.voxel_m)
+    first = voxels.fill(points, 100)
+    assert len(first) == 100
+    assert np.diff(first).max() <= 11
+    rest = voxels.fill(points, 10_000)
+    assert sorted([*first.tolist(), *rest.tolist()]) == list(range(1000))
+
+
+def test_a_place_seen_again_adds_only_what_is_new() -> None:
+    settings = MappingSettings(max_points=20_000)
+    mapper = KeyframeMapper(settings, CAMERA)
+    counts = []
+    for k in range(6):
+        T_WC = se3.from_rt(np.eye(3), np.array([0.2 * k, 0.0, 0.0]))
+        counts.append(sum(len(chunk.points_K) for chunk in mapper.update(wall(seq=k, t_ns=k * 10**9), T_WC)))
+    assert counts[0] > 8000
+    assert all(0 < count < 0.15 * counts[0] for count in counts[1:])
 
 
 def test_depth_edges_and_what_is_out_of_range_are_left_out() -> None:

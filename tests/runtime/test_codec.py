@@ -34,6 +34,7 @@ from snakeslam.runtime.topics import (
     Drive,
     EStop,
     Event,
+    Features,
     HeadMotion,
     Picture,
     Refusal,
@@ -71,7 +72,8 @@ EXAMPLES: dict[type, Any] = {
     SlamState: SlamState(
         "boot", "vio", POSE.health, 20.0, np.eye(4), None, None, HeadMotion(yaw_deg=1.0), None, 0.5, 100
     ),
-    Picture: Picture(1, 2, 4, 3, ((1.5, 2.5, 1, 7),), b"jpeg", None),
+    Picture: Picture(1, 2, 4, 3, b"jpeg"),
+    Features: Features(1, 2, ((1.5, 2.5, 1, 7),), None),
     MapChunk: MapChunk(1, 2, np.eye(4), np.ones((5, 3), np.float32), np.zeros((5, 3), np.uint8)),
 }  # fmt: skip
 

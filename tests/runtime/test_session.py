@@ -21,6 +21,7 @@ from snakeslam.runtime.session import Session, start_session
 from snakeslam.runtime.spec import SessionSpec
 from snakeslam.runtime.topics import (
     Ended,
+    Features,
     Picture,
     Report,
     Shutdown,
@@ -83,8 +84,9 @@ def read_until(pipe: Connection, kind: type, timeout_s: float = 40.0) -> list[Re
 def test_the_process_reports_obeys_and_ends(child: tuple[BaseProcess, Connection]) -> None:
     process, pipe = child
     assert isinstance(read_until(pipe, Started)[-1], Started)
-    kinds = {type(report) for report in read_until(pipe, Picture) + read_until(pipe, MapChunk) + read_until(pipe, Tick)}
-    assert {Picture, MapChunk, Tick} <= kinds
+    wanted = (Picture, Features, MapChunk, Tick)
+    kinds = {type(report) for kind in wanted for report in read_until(pipe, kind)}
+    assert set(wanted) <= kinds
     # Ctrl-C in the terminal reaches the session too; its host decides.
     assert process.pid is not None
     os.kill(process.pid, signal.SIGINT)

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import httpx
 import pytest
 
-from tests.server.running import START_S, Running, start, wait_for
+from tests.server.running import START_S, Running, is_ready, start, wait_for
 
 
 @pytest.fixture(scope="module")
@@ -13,7 +13,7 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
     """A server with a robot at rest."""
     running = start(tmp_path_factory.mktemp("server"))
     with running.client() as client:
-        wait_for(lambda: client.get("/api/v1/state").json()["session"] == "running", START_S)
+        wait_for(lambda: is_ready(client), START_S)
     yield running
     assert running.stop() == 0
 

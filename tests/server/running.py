@@ -105,3 +105,9 @@ def start(
         assert running.out[-1], "the server ended before it was ready"
     running.url = found.group(1)
     return running
+
+
+def is_ready(client: httpx.Client) -> bool:
+    """Whether a robot runs and would move: it runs before its slam does, and refuses until then."""
+    state = client.get("/api/v1/state").json()
+    return state["session"] == "running" and state["health"]["verdict"] not in ("initialising", "lost")

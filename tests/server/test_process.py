@@ -19,7 +19,7 @@ from server.main import bind
 from snakeslam.cli import main as cli
 from snakeslam.errors import InputError
 from tests.server import still_robot
-from tests.server.running import TOKEN, Running, children, start, wait_for
+from tests.server.running import TOKEN, Running, children, is_ready, start, wait_for
 
 
 def alive(pid: int) -> bool:
@@ -31,7 +31,7 @@ def alive(pid: int) -> bool:
 
 def wait_running(running: Running) -> None:
     with running.client() as client:
-        wait_for(lambda: client.get("/api/v1/state").json()["session"] == "running", 60.0)
+        wait_for(lambda: is_ready(client), 60.0)
 
 
 def test_it_ends_at_once_with_open_websockets_and_leaves_nobody(tmp_path: Path) -> None:

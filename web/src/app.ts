@@ -2,8 +2,9 @@
 
 import { ApiError, api } from "./api";
 import { LeaseKeeper } from "./lease";
+import { Redraw } from "./redraw";
 import { Cell, Channel } from "./store";
-import type { Frame, GaitEntry, RobotState, Role, Run, Tick, TimelineEvent } from "./types";
+import type { GaitEntry, RobotState, Role, Run, ShownPicture, Tick, TimelineEvent } from "./types";
 
 export type LinkPhase = "connecting" | "live" | "silent" | "lost" | "signed-out";
 
@@ -29,10 +30,11 @@ export class App {
   readonly commandMs = new Cell<number | null>(null);
   readonly runs = new Cell<Run[]>([]);
   readonly tick = new Channel<Tick>();
-  readonly frame = new Channel<Frame>();
+  readonly picture = new Channel<ShownPicture>();
   readonly timeline = new Channel<TimelineEvent>();
   readonly notice = new Channel<Notice | null>();
   readonly theme = new Channel<void>();
+  readonly redraw = new Redraw();
   /** A telemetry socket has opened: what it sends next repeats what is known. */
   readonly opened = new Channel<void>();
   /** performance.now() of the last message of any kind. */

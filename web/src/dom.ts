@@ -64,16 +64,52 @@ export function byId(id: string): HTMLElement {
   return element;
 }
 
-/** The value of a CSS custom property, for what is drawn on a canvas. */
+const colours = new Map<string, string>();
+let coloursTheme: string | undefined;
+
+/** The value of a theme's CSS custom property, for what is drawn on a canvas; kept, as asking lays the page out. */
 export function cssColour(name: string): string {
-  return getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+  const theme = document.documentElement.dataset["theme"] ?? "";
+  if (theme !== coloursTheme) colours.clear();
+  coloursTheme = theme;
+  let value = colours.get(name);
+  if (value === undefined) {
+    value = getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+    colours.set(name, value);
+  }
+  return value;
+}
+
+interface Size {
+  width: number;
+  height: number;
+}
+
+const sizes = new WeakMap<Element, Size>();
+const resizes = new ResizeObserver((entries) => {
+  for (const { target } of entries) measure(target);
+});
+
+function measure(element: Element): Size {
+  const size = { width: element.clientWidth, height: element.clientHeight };
+  sizes.set(element, size);
+  return size;
+}
+
+/** An element's inner size, measured when it changes only, as measuring lays the page out. */
+export function sizeOf(element: Element): Size {
+  const known = sizes.get(element);
+  if (known) return known;
+  resizes.observe(element);
+  return measure(element);
 }
 
 /** Match a canvas's pixels to its size on the page; true when it was resized. */
 export function fitCanvas(canvas: HTMLCanvasElement): boolean {
   const scale = Math.min(window.devicePixelRatio || 1, 2);
-  const width = Math.round(canvas.clientWidth * scale);
-  const height = Math.round(canvas.clientHeight * scale);
+  const shown = sizeOf(canvas);
+  const width = Math.round(shown.width * scale);
+  const height = Math.round(shown.height * scale);
   if (canvas.width === width && canvas.height === height) return false;
   canvas.width = width;
   canvas.height = height;

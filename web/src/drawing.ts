@@ -1,6 +1,6 @@
 // A gait's moving drawing: the body seen from above at a slant, its shadow, and the stripe along its back.
 
-import { cssColour, fitCanvas } from "./dom";
+import { cssColour, fitCanvas, sizeOf } from "./dom";
 import { Poser, jointAngles, type Shape, type Vec3 } from "./snake";
 import type { ParameterValues } from "./types";
 
@@ -29,7 +29,7 @@ export class GaitDrawing {
   }
 
   draw(seconds: number, active: boolean): void {
-    if (this.canvas.clientWidth === 0) return;
+    if (sizeOf(this.canvas).width === 0) return;
     fitCanvas(this.canvas);
     const context = this.canvas.getContext("2d");
     if (!context) return;

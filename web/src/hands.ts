@@ -42,7 +42,7 @@ export class Hands {
     window.addEventListener("gamepaddisconnected", () => this.releaseAll("the gamepad was unplugged"));
     app.link.watch(({ phase }) => phase !== "live" && this.releaseAll("the link is down"));
     app.state.watch((state) => state?.estop.latched === true && this.releaseAll(null));
-    app.frame.on(() => this.noteFrame());
+    app.picture.on(({ shown_ms }) => this.noteFrame(shown_ms - performance.timeOrigin));
     window.setInterval(() => this.look(), LOOK_MS);
   }
 
@@ -94,8 +94,7 @@ export class Hands {
     return this.frozenLooks >= FROZEN_LOOKS;
   }
 
-  private noteFrame(): void {
-    const now = performance.now();
+  private noteFrame(now: number): void {
     if (this.lastFrameMs !== null) this.intervalMs += 0.1 * (now - this.lastFrameMs - this.intervalMs);
     this.lastFrameMs = now;
     this.frozenLooks = 0;

@@ -55,7 +55,7 @@ function start(): void {
     // The arrows move the view there.
     hands.listen(frame, () => false);
   });
-  mountCamera(app);
+  mountCamera(app, telemetry);
   mountEstimator(app);
   mountHead(app);
   mountHeadControl(app);

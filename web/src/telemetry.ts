@@ -1,79 +1,79 @@
-// The telemetry websocket: messages in, reconnects with back-off, and says so when the server falls silent.
+// The page's end of the telemetry: reconnects with back-off, and says so when the server falls silent.
 
 import { ApiError, api } from "./api";
 import type { App } from "./app";
-import type { Frame, RobotState, Tick, TimelineEvent } from "./types";
+import type { Colours } from "./painter";
+import type { FromWorker, Message, ToWorker } from "./telemetry-link";
 
 const FIRST_DELAY_MS = 400;
 const LAST_DELAY_MS = 6000;
 const SILENT_AFTER_MS = 2000;
-const FRAME_KIND = 1;
-const PING_EVERY_MS = 1000;
-
-type Message = ({ type: "state" } & RobotState) | ({ type: "tick" } & Tick) | ({ type: "event" } & TimelineEvent)
-  | { type: "pong"; t_ms: number };
-
-/** One byte kind, a little-endian uint32 length, that much JSON, then the JPEG. */
-export function parseFrame(buffer: ArrayBuffer): Frame | null {
-  const view = new DataView(buffer);
-  if (buffer.byteLength < 5 || view.getUint8(0) !== FRAME_KIND) return null;
-  const length = view.getUint32(1, true);
-  const header = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 5, length))) as Omit<Frame, "jpeg">;
-  return { ...header, jpeg: new Blob([new Uint8Array(buffer, 5 + length)], { type: "image/jpeg" }) };
-}
 
 export class Telemetry {
-  private socket: WebSocket | null = null;
+  private readonly worker = new Worker(new URL("./telemetry-worker.ts", import.meta.url), { type: "module" });
+  private open = false;
   private delayMs = FIRST_DELAY_MS;
   private retryTimer = 0;
   private asking = false;
 
-  constructor(private readonly app: App) {}
+  constructor(private readonly app: App) {
+    this.worker.onmessage = ({ data }: MessageEvent<FromWorker>) => this.hear(data);
+  }
 
   start(): void {
     this.connect();
     window.setInterval(() => void this.checkSilence(), 500);
-    window.setInterval(() => this.ping(), PING_EVERY_MS);
   }
 
   /** Connect at once, as after signing in. */
   reconnect(): void {
     window.clearTimeout(this.retryTimer);
     this.delayMs = FIRST_DELAY_MS;
-    this.socket?.close();
     this.connect();
+  }
+
+  /** Have the camera's picture and its features drawn on these canvases, which nobody else may draw on then. */
+  drawOn(picture: HTMLCanvasElement, overlay: HTMLCanvasElement): void {
+    const canvases = { picture: picture.transferControlToOffscreen(), overlay: overlay.transferControlToOffscreen() };
+    this.tell({ kind: "draw", ...canvases }, Object.values(canvases));
+  }
+
+  /** Say whether the features are drawn, and in what colours. */
+  mark(shown: boolean, colours: Colours): void {
+    this.tell({ kind: "mark", shown, colours });
+  }
+
+  /** Say whether pictures are turned upright: they then wait for the estimator to say how far. */
+  setLevel(level: boolean): void {
+    this.tell({ kind: "level", level });
+  }
+
+  private tell(message: ToWorker, transfer: Transferable[] = []): void {
+    this.worker.postMessage(message, transfer);
   }
 
   private connect(): void {
     const scheme = location.protocol === "https:" ? "wss" : "ws";
-    const socket = new WebSocket(`${scheme}://${location.host}/api/v1/telemetry`);
-    socket.binaryType = "arraybuffer";
-    this.socket = socket;
-    socket.onopen = () => this.app.opened.emit();
-    socket.onmessage = (event: MessageEvent<string | ArrayBuffer>) => this.receive(event.data);
-    socket.onclose = () => {
-      if (this.socket === socket) void this.dropped();
-    };
+    this.tell({ kind: "connect", url: `${scheme}://${location.host}/api/v1/telemetry` });
   }
 
-  private ping(): void {
-    if (this.socket?.readyState === WebSocket.OPEN) {
-      this.socket.send(JSON.stringify({ type: "ping", t_ms: Math.round(performance.now() * 10) / 10 }));
-    } else this.app.roundTripMs.set(null);
+  private hear(said: FromWorker): void {
+    if (said.kind === "open") {
+      this.open = true;
+      this.app.opened.emit();
+    } else if (said.kind === "closed") void this.dropped();
+    else if (said.kind === "round-trip") this.app.roundTripMs.set(said.ms);
+    else if (said.kind === "picture") {
+      this.heard();
+      this.app.picture.emit(said.picture);
+    } else this.receive(said.message);
   }
 
-  private receive(data: string | ArrayBuffer): void {
+  private receive(message: Message): void {
     this.heard();
-    if (typeof data !== "string") {
-      const frame = parseFrame(data);
-      if (frame) this.app.frame.emit(frame);
-      return;
-    }
-    const message = JSON.parse(data) as Message;
     if (message.type === "tick") this.app.tick.emit(message);
     else if (message.type === "event") this.app.timeline.emit(message);
-    else if (message.type === "state") this.app.state.set(message);
-    else if (message.type === "pong") this.app.roundTripMs.set(performance.now() - message.t_ms);
+    else this.app.state.set(message);
   }
 
   private heard(): void {
@@ -84,7 +84,7 @@ export class Telemetry {
 
   /** A closed socket does not say why: ask over HTTP whether it is the sign-in or the link. */
   private async dropped(): Promise<void> {
-    this.socket = null;
+    this.open = false;
     const delay = this.delayMs * (0.8 + 0.4 * Math.random());
     this.delayMs = Math.min(this.delayMs * 1.7, LAST_DELAY_MS);
     this.app.link.set({ phase: "lost", retryAtMs: performance.now() + delay });
@@ -102,7 +102,7 @@ export class Telemetry {
   /** An open socket may be quiet because nothing happens (a recording has ended) or because the other end is gone. */
   private async checkSilence(): Promise<void> {
     const last = this.app.lastMessageMs;
-    if (this.socket?.readyState !== WebSocket.OPEN || last === null || this.asking) return;
+    if (!this.open || last === null || this.asking) return;
     if (performance.now() - last < SILENT_AFTER_MS) return;
     this.asking = true;
     try {

@@ -139,10 +139,26 @@ export interface Frame {
   seq: number;
   width: number;
   height: number;
+  jpeg: Uint8Array<ArrayBuffer>;
+}
+
+/** What the estimator followed into a frame; it comes a little later than the frame. */
+export interface Features {
+  t_s: number;
+  seq: number;
   tracks: Track[];
   /** How far the camera was rolled clockwise about its view; null when the estimator does not know. */
   roll_deg: number | null;
-  jpeg: Blob;
+}
+
+/** A camera frame that is on the screen; `shown_ms` counts as Date.now() does, but finer. */
+export interface ShownPicture {
+  t_s: number;
+  seq: number;
+  width: number;
+  height: number;
+  roll_deg: number | null;
+  shown_ms: number;
 }
 
 export interface Recording {

@@ -62,7 +62,7 @@ class SimBackend:
         self._run(SETTLE_S)
         self._pose_WI, self._v_W, _ = self._physics.head_state()
         self._run(IMU_DT_S / 2.0)
-        self._half_way_W = self._physics.head_state()[0][:3, 3]
+        self._half_way_W = self._physics.head_pose()[:3, 3]
         self._frame_count = 0
         self._exposing: tuple[Shot, Render | None, Float] | None = None
         self._shots: list[Shot] = []
@@ -128,11 +128,11 @@ class SimBackend:
         before_W, T0_WI, v0_W = self._half_way_W, self._pose_WI, self._v_W
         self._run(IMU_DT_S / 2.0)
         self._imu_count += 1
-        self._pose_WI = self._physics.head_state()[0]
+        self._pose_WI = self._physics.head_pose()
         self._joints = self._physics.joint_state()
         beginning = self._begin_exposure(T0_WI)
         self._run(IMU_DT_S / 2.0)
-        self._half_way_W = self._physics.head_state()[0][:3, 3]
+        self._half_way_W = self._physics.head_pose()[:3, 3]
         self._v_W = (self._half_way_W - before_W) / IMU_DT_S
         if self._exposing is not None:
             packets.extend(self._end_exposure(*self._exposing))

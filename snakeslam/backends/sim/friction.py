@@ -26,19 +26,31 @@ class CoulombFriction:
         the unit normal out of the ground, ``along_W`` (C, 3) the link's axis; where that stands on the ground any pair
         of directions serves, with the same coefficients.
         """
-        return _forces(load_n, velocity_W, normal_W, along_W, self.mu_tangential, self.mu_normal, self.slip_m_s)
+        return sliding_forces(load_n, velocity_W, normal_W, along_W, self.mu_tangential, self.mu_normal, self.slip_m_s)
 
 
 @compiled
-def _forces(
+def sliding_forces(
     load_n: Float, velocity_W: Float, normal_W: Float, along_W: Float, mu_t: float, mu_n: float, slip_m_s: float
 ) -> Float:
+    """Return what ``CoulombFriction.forces`` does."""
     forces_W = np.empty_like(velocity_W)
     for c in range(len(load_n)):
-        n, v = normal_W[c], velocity_W[c]
-        t = along_W[c] - np.sum(along_W[c] * n) * n
-        t = t / max(np.sqrt(np.sum(t * t)), 1e-9)
-        slip = v - np.sum(v * n) * n
-        scale = -load_n[c] / np.sqrt(np.sum(slip * slip) + slip_m_s**2)
-        forces_W[c] = scale * (mu_n * slip + (mu_t - mu_n) * np.sum(slip * t) * t)
+        nx, ny, nz = normal_W[c]
+        tx, ty, tz = _in_plane(along_W[c], nx, ny, nz)
+        size = max(np.sqrt(tx * tx + ty * ty + tz * tz), 1e-9)
+        tx, ty, tz = tx / size, ty / size, tz / size
+        sx, sy, sz = _in_plane(velocity_W[c], nx, ny, nz)
+        scale = -load_n[c] / np.sqrt(sx * sx + sy * sy + sz * sz + slip_m_s**2)
+        along = (mu_t - mu_n) * (sx * tx + sy * ty + sz * tz)
+        forces_W[c, 0] = scale * (mu_n * sx + along * tx)
+        forces_W[c, 1] = scale * (mu_n * sy + along * ty)
+        forces_W[c, 2] = scale * (mu_n * sz + along * tz)
     return forces_W
+
+
+@compiled
+def _in_plane(vector: Float, nx: float, ny: float, nz: float) -> tuple[float, float, float]:
+    x, y, z = vector
+    out = x * nx + y * ny + z * nz
+    return x - out * nx, y - out * ny, z - out * nz

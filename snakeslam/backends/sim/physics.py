@@ -1,16 +1,19 @@
 """The snake's body in PyBullet: rigid links, servos and an external friction law, one step at a time."""
 
 import tempfile
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pybullet
 
+from snakeslam.backends.sim.contacts import Contacts, Floor, obstacle_contacts, on_links
 from snakeslam.backends.sim.friction import CoulombFriction
 from snakeslam.backends.sim.settings import PhysicsSettings
 from snakeslam.errors import BackendError
 from snakeslam.geometry import se3, so3
+from snakeslam.geometry.compiled import compiled
 from snakeslam.messages import Float
 from snakeslam.robot import kinematics
 from snakeslam.robot.model import SnakeModel
@@ -22,7 +25,7 @@ makes the rolling of the whole body chatter once mu N dt / (eps m_eff) > 2 (2.2 
 
 
 class SnakePhysics:
-    """A snake over a plane in its own PyBullet client; deterministic: it has no noise and no clock.
+    """A snake on the plane z = 0 in its own PyBullet client; deterministic: it has no noise and no clock.
 
     ``T_W_base`` (4, 4) is the tail link's pose at the start, ``q_rad`` (N,) the joint angles (default: at rest).
     Other static bodies may be added to the client at any time.
@@ -40,6 +43,7 @@ class SnakePhysics:
         self.settings = settings
         self.dt_s = 1.0 / settings.rate_hz
         self.step_count = 0
+        self._floor = Floor(model, settings)
         self._friction = CoulombFriction(
             settings.friction_normal / friction_ratio, settings.friction_normal, settings.friction_slip_m_s
         )
@@ -47,7 +51,14 @@ class SnakePhysics:
         q_rad = model.rest_q_rad if q_rad is None else np.asarray(q_rad, dtype=np.float64)
         self._configure()
         self._body_id = self._load_snake(lying_pose(model) if T_W_base is None else T_W_base, q_rad)
-        self._joints = list(range(model.joint_count))
+        count = model.joint_count
+        self._joints = list(range(count))
+        self._servo_blend = self.dt_s / (0.5 * settings.servo_lag_s + self.dt_s)
+        self._strengths = [model.torque_nm] * count
+        self._position_gains = [settings.servo_position_gain] * count
+        self._velocity_gains = [settings.servo_velocity_gain] * count
+        # The IMU's axes are those of its link.
+        self._IMU_from_com_L = model.T_HI[:3, 3] - model.com_L
         self._servo_rad = self._smooth_rad = self._target_rad = q_rad.copy()
         self._slow_twist_W = np.zeros((model.link_count, 6))
         self._read()
@@ -65,21 +76,18 @@ class SnakePhysics:
         return self._body_id
 
     @property
-    def ground_id(self) -> int:
-        """PyBullet's id of the plane z = 0."""
-        return self._ground_id
-
-    @property
     def Ts_WL(self) -> Float:
         """Poses of links 0..N, (N + 1, 4, 4)."""
         R_WL = so3.matrix_from_quat_wxyz(np.roll(self._quat_xyzw, 1, axis=-1))
         return se3.from_rt(R_WL, self._com_W - R_WL @ self.model.com_L)
 
+    def head_pose(self) -> Float:
+        """Return T_WI, (4, 4)."""
+        return _pose_on_link(self._quat_xyzw[-1], self._com_W[-1], self._IMU_from_com_L)
+
     def head_state(self) -> tuple[Float, Float, Float]:
         """Return T_WI (4, 4), the IMU's velocity v_W (3,) m/s in W and its angular rate w_I (3,) rad/s in I."""
-        R_WH = so3.matrix_from_quat_wxyz(np.roll(self._quat_xyzw[-1], 1))
-        T_WH = se3.from_rt(R_WH, self._com_W[-1] - R_WH @ self.model.com_L)
-        T_WI = T_WH @ self.model.T_HI
+        T_WI = self.head_pose()
         v_com_W, w_W = self._twist_W[-1, :3], self._twist_W[-1, 3:]
         v_W = v_com_W + so3.hat(w_W) @ (T_WI[:3, 3] - self._com_W[-1])
         return T_WI, v_W, T_WI[:3, :3].T @ w_W
@@ -87,6 +95,10 @@ class SnakePhysics:
     def joint_state(self) -> tuple[Float, Float, Float]:
         """Return true angles (rad), rates (rad/s) and servo torques (N m), each (N,)."""
         return self._q_rad, self._dq_rad_s, self._torque_nm
+
+    def floor_contacts(self) -> Contacts:
+        """Return where the floor bears the snake now."""
+        return self._floor.contacts(self._com_W, self._quat_xyzw, self._twist_W)
 
     def set_target(self, q_rad: Float) -> None:
         """Command the servos, (N,) rad."""
@@ -96,7 +108,7 @@ class SnakePhysics:
     def step(self) -> None:
         """Advance one physics step of ``dt_s``."""
         self._drive_servos()
-        self._apply_friction()
+        self._push_contacts()
         pybullet.stepSimulation(physicsClientId=self.client_id)
         self.step_count += 1
         self._read()
@@ -117,8 +129,6 @@ class SnakePhysics:
             deterministicOverlappingPairs=1,
             physicsClientId=client,
         )
-        plane = pybullet.createCollisionShape(pybullet.GEOM_PLANE, physicsClientId=client)
-        self._ground_id: int = pybullet.createMultiBody(0.0, plane, physicsClientId=client)
 
     def _load_snake(self, T_W_base: Float, q_rad: Float) -> int:
         client = self.client_id
@@ -137,7 +147,7 @@ class SnakePhysics:
                 linearDamping=0,
                 angularDamping=0,
                 jointDamping=0,
-                # A rigid chain on rigid ground bears its weight anywhere: the solver left it all on the front spheres.
+                # As on the floor: a rigid chain on rigid ground would bear its weight anywhere.
                 contactStiffness=self.settings.contact_stiffness_n_m,
                 contactDamping=self.settings.contact_damping_n_s_m,
                 physicsClientId=client,
@@ -151,57 +161,57 @@ class SnakePhysics:
 
         The second filter keeps the steps of a command that comes at 100 Hz out of the rate, and so out of the IMU.
         """
-        settings, limits = self.settings, self.model.limits
-        blend = self.dt_s / (0.5 * settings.servo_lag_s + self.dt_s)
-        largest_step = limits.rate_rad_s * self.dt_s
-        self._smooth_rad = self._smooth_rad + blend * (self._target_rad - self._smooth_rad)
-        step = np.clip(blend * (self._smooth_rad - self._servo_rad), -largest_step, largest_step)
-        wanted = self._servo_rad + step
-        reach = settings.servo_reach_rad
-        self._servo_rad = np.clip(wanted, self._q_rad - reach, self._q_rad + reach)
-        rate = step / self.dt_s
-        goal_rad = self._within_rate(self._servo_rad, rate)
-        count = self.model.joint_count
+        self._smooth_rad, self._servo_rad, rate_rad_s = _follow(
+            self._target_rad,
+            self._smooth_rad,
+            self._servo_rad,
+            self._q_rad,
+            self._servo_blend,
+            self.model.limits.rate_rad_s * self.dt_s,
+            self.settings.servo_reach_rad,
+            self.dt_s,
+        )
+        goal_rad = _within_rate(
+            self._servo_rad,
+            rate_rad_s,
+            self._q_rad,
+            self._dq_rad_s,
+            self.settings.servo_position_gain / self.dt_s,
+            self.settings.servo_velocity_gain,
+            self.model.limits.rate_rad_s,
+        )
         pybullet.setJointMotorControlArray(
             self._body_id,
             self._joints,
             pybullet.POSITION_CONTROL,
             targetPositions=goal_rad.tolist(),
-            targetVelocities=rate.tolist(),
-            forces=[self.model.torque_nm] * count,
-            positionGains=[settings.servo_position_gain] * count,
-            velocityGains=[settings.servo_velocity_gain] * count,
+            targetVelocities=rate_rad_s.tolist(),
+            forces=self._strengths,
+            positionGains=self._position_gains,
+            velocityGains=self._velocity_gains,
             physicsClientId=self.client_id,
         )
 
-    def _within_rate(self, goal_rad: Float, rate: Float) -> Float:
-        """Return the goal nearest to ``goal_rad`` that PyBullet's motor does not approach faster than the servo can.
-
-        The motor drives at kp (goal - q) / dt + kv rate + (1 - kv) dq.
-        """
-        gain = self.settings.servo_position_gain / self.dt_s
-        kv, fastest = self.settings.servo_velocity_gain, self.model.limits.rate_rad_s
-        without = kv * rate + (1.0 - kv) * self._dq_rad_s
-        driven = np.clip(gain * (goal_rad - self._q_rad) + without, -fastest, fastest)
-        return self._q_rad + (driven - without) / gain
-
-    def _apply_friction(self) -> None:
-        """Push each contact of the last step with the friction law, at the load it carried and its velocity."""
-        client, body = self.client_id, self._body_id
+    def _push_contacts(self) -> None:
+        """Bear the snake on the floor, and oppose its sliding there and on obstacles."""
         self._slow_twist_W = FRICTION_MEMORY * self._slow_twist_W + (1.0 - FRICTION_MEMORY) * self._twist_W
-        contacts: list[Any] = [c for c in pybullet.getContactPoints(body, physicsClientId=client) if c[9] > 0.0]
-        if not contacts:
-            return
-        link = np.array([c[3] for c in contacts]) + 1
-        rows = np.array([(*c[5], *c[7], c[9]) for c in contacts])
-        point_W, normal_W, load_n = rows[:, :3], rows[:, 3:6], rows[:, 6]
-        twist_W = self._slow_twist_W[link]
-        velocity_W = twist_W[:, :3] + so3.cross(twist_W[:, 3:], point_W - self._com_W[link])
-        forces_W = self._friction.forces(load_n, velocity_W, normal_W, _x_axes(self._quat_xyzw)[link])
-        for contact, force in zip(contacts, forces_W.tolist(), strict=True):
-            pybullet.applyExternalForce(
-                body, contact[3], force, contact[5], pybullet.WORLD_FRAME, physicsClientId=client
-            )
+        on_floor = self.floor_contacts()
+        bearing_W = on_floor.load_n[:, None] * on_floor.normal_W
+        self._push(on_floor, bearing_W + self._friction_W(on_floor))
+        on_obstacles = obstacle_contacts(self._body_id, self.client_id)
+        self._push(on_obstacles, self._friction_W(on_obstacles))
+
+    def _friction_W(self, contacts: Contacts) -> Float:
+        velocity_W, along_W = on_links(
+            contacts.link, contacts.point_W, self._slow_twist_W, self._com_W, self._quat_xyzw
+        )
+        return self._friction.forces(contacts.load_n, velocity_W, contacts.normal_W, along_W)
+
+    def _push(self, contacts: Contacts, forces_W: Float) -> None:
+        client, body, frame, push = self.client_id, self._body_id, pybullet.WORLD_FRAME, pybullet.applyExternalForce
+        links, points_W = (contacts.link - 1).tolist(), contacts.point_W.tolist()
+        for link, force, point in zip(links, forces_W.tolist(), points_W, strict=True):
+            push(body, link, force, point, frame, physicsClientId=client)
 
     def _read(self) -> None:
         client, body = self.client_id, self._body_id
@@ -211,7 +221,8 @@ class SnakePhysics:
             body, self._joints, computeLinkVelocity=1, computeForwardKinematics=1, physicsClientId=client
         )
         joints: Any = pybullet.getJointStates(body, self._joints, physicsClientId=client)
-        state = np.array([(*com_W, *quat_xyzw, *v_W, *w_W), *((*s[0], *s[1], *s[6], *s[7]) for s in links)])
+        rows = [com_W + quat_xyzw + v_W + w_W, *[s[0] + s[1] + s[6] + s[7] for s in links]]
+        state = np.fromiter(chain.from_iterable(rows), np.float64).reshape(-1, 13)
         self._com_W, self._quat_xyzw, self._twist_W = state[:, :3], state[:, 3:7], state[:, 7:]
         self._q_rad, self._dq_rad_s, self._torque_nm = np.array([(s[0], s[1], s[3]) for s in joints]).T
 
@@ -229,7 +240,45 @@ def pose_with_head_at(model: SnakeModel, x_m: float, y_m: float, yaw_rad: float 
     return T_W_base
 
 
-def _x_axes(quat_xyzw: Float) -> Float:
-    """Return the x axes of unit quaternions, (L, 4) -> (L, 3)."""
-    x, y, z, w = quat_xyzw.T
-    return np.stack([1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + z * w), 2.0 * (x * z - y * w)], axis=-1)
+@compiled
+def _pose_on_link(quat_xyzw: Float, com_W: Float, point_L: Float) -> Float:
+    """Return the pose of a point of a link, given from the centre of mass, with the link's axes, (4, 4)."""
+    x, y, z, w = quat_xyzw / np.sqrt(np.sum(quat_xyzw * quat_xyzw))
+    T = np.eye(4)
+    T[0, 0], T[0, 1], T[0, 2] = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)
+    T[1, 0], T[1, 1], T[1, 2] = 2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)
+    T[2, 0], T[2, 1], T[2, 2] = 2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)
+    for i in range(3):
+        T[i, 3] = com_W[i] + np.sum(T[i, :3] * point_L)
+    return T
+
+
+@compiled
+def _follow(
+    target_rad: Float,
+    smooth_rad: Float,
+    servo_rad: Float,
+    q_rad: Float,
+    blend: float,
+    largest_step: float,
+    reach_rad: float,
+    dt_s: float,
+) -> tuple[Float, Float, Float]:
+    """Return the smoothed command, the servos' own goal and its rate, one step later."""
+    smooth_rad = smooth_rad + blend * (target_rad - smooth_rad)
+    step = np.clip(blend * (smooth_rad - servo_rad), -largest_step, largest_step)
+    within_reach = np.minimum(np.maximum(servo_rad + step, q_rad - reach_rad), q_rad + reach_rad)
+    return smooth_rad, within_reach, step / dt_s
+
+
+@compiled
+def _within_rate(
+    goal_rad: Float, rate_rad_s: Float, q_rad: Float, dq_rad_s: Float, gain: float, kv: float, fastest: float
+) -> Float:
+    """Return the goal nearest to ``goal_rad`` that PyBullet's motor does not approach faster than the servo can.
+
+    The motor drives at gain (goal - q) + kv rate + (1 - kv) dq.
+    """
+    without = kv * rate_rad_s + (1.0 - kv) * dq_rad_s
+    driven = np.clip(gain * (goal_rad - q_rad) + without, -fastest, fastest)
+    return q_rad + (driven - without) / gain

@@ -68,7 +68,7 @@ class PhysicsSettings(Settings):
     contact_stiffness_n_m: float = Field(default=2000.0, ge=200, le=1e6)
     """Stiffness of the skin at each of a link's two contacts; it shares the weight out among the links."""
     contact_damping_n_s_m: float = Field(default=30.0, ge=0, le=1e4)
-    """Damping of the skin at each contact."""
+    """Damping of the skin at each contact; a skin too hard for the step's length is refused."""
     servo_lag_s: float = Field(default=0.03, ge=0, le=1)
     """Time constant of the servo's answer to a command."""
     servo_reach_rad: float = Field(default=0.15, gt=0, le=3.2)

@@ -24,7 +24,7 @@ export function mountLinkBanner(app: App): void {
     setText(seconds, old + wait);
   };
   app.link.watch(refresh);
-  window.setInterval(refresh, 250);
+  app.redraw.every(200, refresh);
 }
 
 export function mountNotices(app: App): void {

@@ -3,11 +3,12 @@
 import type { App } from "../app";
 import { byId, cssColour, h, setText } from "../dom";
 import { age, fixed } from "../format";
-import type { Frame, Track } from "../types";
+import type { Telemetry } from "../telemetry";
+import type { ShownPicture } from "../types";
 
 const FROZEN_AFTER_MS = 1000;
 
-export function mountCamera(app: App): void {
+export function mountCamera(app: App, telemetry: Telemetry): void {
   const picture = h("canvas", { id: "camera-picture", role: "img", "aria-label": "Picture of the head camera" });
   const overlay = h("canvas", { id: "camera-overlay", "aria-hidden": "true" });
   const badge = h("span", { class: "picture-badge", hidden: true });
@@ -21,30 +22,37 @@ export function mountCamera(app: App): void {
     h("div", { class: "picture", id: "picture" }, picture, overlay, empty, badge),
     legend(),
   );
-  const painter = new Painter(picture, overlay);
+  telemetry.drawOn(picture, overlay);
+  const turned = new Turned(picture, overlay);
+  let marked = true;
+  const mark = () => telemetry.mark(marked, { inlier: cssColour("--inlier"), outlier: cssColour("--outlier") });
   toggle.addEventListener("click", () => {
-    painter.showTracks = !painter.showTracks;
-    toggle.setAttribute("aria-pressed", String(painter.showTracks));
-    painter.drawTracks();
+    marked = !marked;
+    toggle.setAttribute("aria-pressed", String(marked));
+    mark();
   });
   level.addEventListener("click", () => {
-    painter.level = !painter.level;
-    level.setAttribute("aria-pressed", String(painter.level));
-    painter.turn();
+    const on = turned.toggle();
+    level.setAttribute("aria-pressed", String(on));
+    telemetry.setLevel(on);
   });
+  mark();
+  app.theme.on(mark);
   let shownMs: number | null = null;
-  app.frame.on((frame) => {
-    painter.show(frame);
-    shownMs = performance.now();
+  app.picture.on((shown) => {
+    shownMs = shown.shown_ms - performance.timeOrigin;
+    picture.dataset["seq"] = String(shown.seq);
+    turned.turn(shown);
     empty.hidden = true;
   });
-  app.tick.on((tick) => setText(rate, tick.frame_rate_hz === null ? "" : `${fixed(tick.frame_rate_hz, 1)} Hz`));
-  app.theme.on(() => painter.drawTracks());
-  window.setInterval(() => {
+  let rateHz: number | null = null;
+  app.tick.on((tick) => (rateHz = tick.frame_rate_hz));
+  app.redraw.every(200, () => {
+    setText(rate, rateHz === null ? "" : `${fixed(rateHz, 1)} Hz`);
     const old = shownMs === null ? 0 : performance.now() - shownMs;
     badge.hidden = old < FROZEN_AFTER_MS;
     setText(badge, app.state.get()?.session === "ended" ? "Recording has ended" : `Picture is ${age(old)} old`);
-  }, 250);
+  });
 }
 
 function legend(): HTMLElement {
@@ -56,85 +64,28 @@ function legend(): HTMLElement {
   );
 }
 
-/** Draws the newest frame only: while one is being decoded, a newer one replaces the one that waits. */
-class Painter {
-  showTracks = true;
-  level = false;
-  private rollDeg = 0;
-  private waiting: Frame | null = null;
-  private busy = false;
-  private tracks: Track[] = [];
+/** Despun: the whole picture turned against the head's roll, small enough to stay inside at any angle. */
+class Turned {
+  private level = false;
+  private last: ShownPicture | null = null;
 
   constructor(
     private readonly picture: HTMLCanvasElement,
     private readonly overlay: HTMLCanvasElement,
   ) {}
 
-  show(frame: Frame): void {
-    this.waiting = frame;
-    if (!this.busy) void this.drain();
+  toggle(): boolean {
+    this.level = !this.level;
+    if (this.last) this.turn(this.last);
+    return this.level;
   }
 
-  private async drain(): Promise<void> {
-    this.busy = true;
-    while (this.waiting) {
-      const frame = this.waiting;
-      this.waiting = null;
-      try {
-        this.paint(frame, await createImageBitmap(frame.jpeg));
-      } catch (error) {
-        console.warn("a camera picture could not be decoded", error);
-      }
-    }
-    this.busy = false;
-  }
-
-  private paint(frame: Frame, image: ImageBitmap): void {
-    for (const canvas of [this.picture, this.overlay]) {
-      if (canvas.width !== frame.width) canvas.width = frame.width;
-      if (canvas.height !== frame.height) canvas.height = frame.height;
-    }
-    this.picture.getContext("2d")?.drawImage(image, 0, 0, frame.width, frame.height);
-    this.picture.dataset["seq"] = String(frame.seq);
-    this.rollDeg = frame.roll_deg ?? this.rollDeg;
-    this.turn();
-    image.close();
-    this.tracks = frame.tracks;
-    this.drawTracks();
-  }
-
-  /** Despun: the whole picture turned against the head's roll, small enough to stay inside at any angle. */
-  turn(): void {
-    const { width, height } = this.picture;
-    const scale = height / Math.hypot(width, height);
-    const turned = this.level ? `rotate(${this.rollDeg}deg) scale(${scale.toFixed(3)})` : "";
-    for (const canvas of [this.picture, this.overlay]) canvas.style.transform = turned;
-  }
-
-  /** Circles for what the estimator uses, crosses for what it rejects: the shape tells as well as the colour. */
-  drawTracks(): void {
-    const context = this.overlay.getContext("2d");
-    if (!context) return;
-    context.clearRect(0, 0, this.overlay.width, this.overlay.height);
-    if (!this.showTracks) return;
-    const size = Math.max(3, this.overlay.width / 150);
-    context.lineWidth = Math.max(1.5, this.overlay.width / 320);
-    for (const inlier of [1, 0]) {
-      context.beginPath();
-      for (const [x, y, kind] of this.tracks) {
-        if (kind !== inlier) continue;
-        if (inlier) {
-          context.moveTo(x + size, y);
-          context.arc(x, y, size, 0, 2 * Math.PI);
-        } else {
-          context.moveTo(x - size, y - size);
-          context.lineTo(x + size, y + size);
-          context.moveTo(x + size, y - size);
-          context.lineTo(x - size, y + size);
-        }
-      }
-      context.strokeStyle = cssColour(inlier ? "--inlier" : "--outlier");
-      context.stroke();
-    }
+  turn(shown: ShownPicture): void {
+    const roll_deg = shown.roll_deg ?? this.last?.roll_deg ?? 0;
+    this.last = { ...shown, roll_deg };
+    const scale = shown.height / Math.hypot(shown.width, shown.height);
+    const turned = this.level ? `rotate(${roll_deg}deg) scale(${scale.toFixed(3)})` : "";
+    for (const canvas of [this.picture, this.overlay])
+      if (canvas.style.transform !== turned) canvas.style.transform = turned;
   }
 }

@@ -68,7 +68,7 @@ export function mountEstimator(app: App): void {
   };
   app.state.watch(onState);
   app.tick.on(onTick);
-  window.setInterval(() => [tracks, error].forEach((readout) => readout.draw()), 200);
+  app.redraw.every(200, () => [tracks, error, distance].forEach((readout) => readout.draw()));
 }
 
 /** What the governor does and why; the pace in steps of 5 %, so that it is not read out at every tick. */

@@ -1,7 +1,7 @@
 // The timeline: what happened, newest first, and a strip of the estimator's health.
 
 import type { App } from "../app";
-import { byId, cssColour, fitCanvas, h } from "../dom";
+import { byId, cssColour, fitCanvas, h, sizeOf } from "../dom";
 import { capitalised, clock } from "../format";
 import type { TimelineEvent, Verdict } from "../types";
 
@@ -45,7 +45,7 @@ export function mountEvents(app: App): void {
     if (!last || t_s - last.t_s >= 0.25 || last.verdict !== health.verdict) marks.push({ t_s, verdict: health.verdict });
     while ((marks[0]?.t_s ?? t_s) < t_s - STRIP_S) marks.shift();
   });
-  window.setInterval(() => drawStrip(strip, marks, events), 500);
+  app.redraw.every(500, () => drawStrip(strip, marks, events));
 }
 
 function item(event: TimelineEvent): HTMLElement {
@@ -59,7 +59,7 @@ function item(event: TimelineEvent): HTMLElement {
 }
 
 function drawStrip(canvas: HTMLCanvasElement, marks: Mark[], events: TimelineEvent[]): void {
-  if (canvas.clientWidth === 0) return;
+  if (sizeOf(canvas).width === 0) return;
   fitCanvas(canvas);
   const context = canvas.getContext("2d");
   const end = marks[marks.length - 1]?.t_s;

@@ -6,7 +6,7 @@ import { byId, h } from "../dom";
 import { GaitDrawing } from "../drawing";
 import type { GaitEntry, ParameterValues, RobotState } from "../types";
 
-const FRAME_MS = 66;
+const FRAME_MS = 100;
 
 interface Card {
   entry: GaitEntry;
@@ -47,7 +47,7 @@ export function mountGaits(app: App): void {
   app.link.watch(mark);
   app.role.watch(mark);
   app.lease.current.watch(mark);
-  animate(() => cards.map((card) => card.drawing), (index) => cards[index]?.button.ariaPressed === "true");
+  animate(app, () => cards.map((card) => card.drawing), (index) => cards[index]?.button.ariaPressed === "true");
 }
 
 function makeCard(app: App, entry: GaitEntry, joints: number): Card {
@@ -64,11 +64,10 @@ function makeCard(app: App, entry: GaitEntry, joints: number): Card {
 }
 
 /** Redraw at a calm rate while the page is seen; a still picture for those who asked for less motion. */
-function animate(drawings: () => GaitDrawing[], active: (index: number) => boolean): void {
+function animate(app: App, drawings: () => GaitDrawing[], active: (index: number) => boolean): void {
   const still = matchMedia("(prefers-reduced-motion: reduce)");
-  window.setInterval(() => {
-    if (document.hidden) return;
+  app.redraw.every(FRAME_MS, () => {
     const seconds = still.matches ? 0.5 : performance.now() / 1000;
     drawings().forEach((drawing, index) => drawing.draw(seconds, active(index)));
-  }, FRAME_MS);
+  });
 }

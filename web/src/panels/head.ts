@@ -5,6 +5,7 @@ import { byId, h, setText } from "../dom";
 import { fixed, scaled } from "../format";
 import { Sparkline } from "../sparkline";
 import { Readout } from "./readout";
+import type { Tick } from "../types";
 
 export function mountHead(app: App): void {
   const trend = (least: number, symmetric = false) => new Sparkline(300, least, symmetric);
@@ -22,6 +23,7 @@ export function mountHead(app: App): void {
     rate.root,
     sway.root,
   );
+  let last: Tick["head"] | null = null;
   app.tick.on(({ head }) => {
     yaw.set(fixed(head.yaw_deg, 1), head.yaw_deg);
     yaw.setDetail(`RMS ${fixed(head.yaw_rms_deg, 1)}\u00b0`);
@@ -29,8 +31,12 @@ export function mountHead(app: App): void {
     rate.setDetail(`peak ${fixed(head.peak_yaw_rate_deg_s, 0)}\u00b0/s`);
     sway.set(scaled(head.sway_m, 100, 1), head.sway_m === null ? null : head.sway_m * 100);
     sway.setDetail("peak to peak");
-    setText(heading, `heading ${fixed(head.heading_deg, 0)}\u00b0`);
-    setText(over, head.window_s === null ? "" : `over ${fixed(head.window_s, 1)} s`);
+    last = head;
   });
-  window.setInterval(() => [yaw, rate, sway].forEach((readout) => readout.draw()), 200);
+  app.redraw.every(200, () => {
+    if (!last) return;
+    for (const readout of [yaw, rate, sway]) readout.draw();
+    setText(heading, `heading ${fixed(last.heading_deg, 0)}\u00b0`);
+    setText(over, last.window_s === null ? "" : `over ${fixed(last.window_s, 1)} s`);
+  });
 }

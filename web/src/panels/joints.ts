@@ -3,12 +3,12 @@
 import uPlot from "uplot";
 import "uplot/dist/uPlot.min.css";
 import type { App } from "../app";
-import { byId, cssColour, h, icon, setText } from "../dom";
+import { byId, cssColour, h, icon, setText, sizeOf } from "../dom";
 import { JointHistory } from "../history";
 import { Heatmap } from "./heatmap";
 
 const WINDOW_S = 20;
-const REDRAW_MS = 120;
+const REDRAW_MS = 200;
 const MOST_CHOSEN = 6;
 const SPANS_S = [20, 10, 5, 2];
 const LEAST_DRAG_PX = 8;
@@ -22,7 +22,7 @@ export function mountJoints(app: App): void {
   const panel = new JointsPanel();
   app.tick.on((tick) => panel.history.push(tick));
   app.theme.on(() => panel.rebuild());
-  window.setInterval(() => panel.refresh(), REDRAW_MS);
+  app.redraw.every(REDRAW_MS, () => panel.refresh());
 }
 
 class JointsPanel {
@@ -115,7 +115,7 @@ class JointsPanel {
 
   refresh(): void {
     if (this.history.joints !== this.joints) this.adopt(this.history.joints);
-    if (this.paused || this.holder.clientWidth === 0 || this.history.samples.length === 0) return;
+    if (this.paused || sizeOf(this.holder).width === 0 || this.history.samples.length === 0) return;
     this.plot?.setData(this.data());
     const reach = this.heatmap.draw(this.history);
     setText(this.scale, `\u00b1${reach}\u00b0`);

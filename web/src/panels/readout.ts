@@ -16,6 +16,8 @@ export interface ReadoutOptions {
 export class Readout {
   readonly root: HTMLElement;
   private readonly number = h("span", { class: "num" }, "\u2013");
+  private text = "\u2013";
+  private detailText = "";
   private readonly trend: Sparkline | undefined;
   private readonly detail = h("span", { class: "readout-detail num" });
 
@@ -33,15 +35,18 @@ export class Readout {
   }
 
   set(text: string, value?: number | null): void {
-    setText(this.number, text);
+    this.text = text;
     if (value !== undefined) this.trend?.push(value);
   }
 
   setDetail(text: string): void {
-    setText(this.detail, text);
+    this.detailText = text;
   }
 
+  /** Show what was set last. */
   draw(): void {
+    setText(this.number, this.text);
+    setText(this.detail, this.detailText);
     this.trend?.draw();
   }
 }

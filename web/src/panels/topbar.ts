@@ -55,9 +55,10 @@ export function mountTopbar(app: App, openHelp: () => void): void {
   byId("tools").append(iconButton("help", "Keys and help", openHelp), theme);
 
   let last: { t_s: number; realtime_factor: number | null } | null = null;
+  let rateHz: number | null = null;
   app.tick.on((tick) => {
     last = tick;
-    setText(rate.value, tick.frame_rate_hz === null ? "\u2013" : `${fixed(tick.frame_rate_hz, 1)} Hz`);
+    rateHz = tick.frame_rate_hz;
   });
   app.theme.on(paintTheme);
   app.state.watch((state) => {
@@ -72,10 +73,11 @@ export function mountTopbar(app: App, openHelp: () => void): void {
     setText(control.value, controlChip(app));
     setText(trip.value, milliseconds(app.roundTripMs.get()));
     setText(command.value, milliseconds(app.commandMs.get()));
+    setText(rate.value, rateHz === null ? "\u2013" : `${fixed(rateHz, 1)} Hz`);
     setText(time.value, clock(last?.t_s));
     setText(factor.value, last ? `${fixed(last.realtime_factor, 2)} \u00d7` : "\u2013");
   };
-  window.setInterval(refresh, REFRESH_MS);
+  app.redraw.every(REFRESH_MS, refresh);
   app.link.watch(refresh);
 }
 

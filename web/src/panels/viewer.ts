@@ -27,9 +27,11 @@ export function mountViewer(app: App, onWindow: (frame: Window) => void): void {
     else setText(words, state?.message ?? "Starting ...");
   });
   const points = byId("map-points");
-  app.tick.on((tick) => {
-    setText(points, count(tick.map_points));
-    points.dataset["count"] = String(tick.map_points);
+  let mapPoints = 0;
+  app.tick.on((tick) => (mapPoints = tick.map_points));
+  app.redraw.every(200, () => {
+    setText(points, count(mapPoints));
+    points.dataset["count"] = String(mapPoints);
   });
 }
 

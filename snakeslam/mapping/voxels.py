@@ -1,0 +1,32 @@
+"""Which cubes of the world have a point already: the map grows with the place, not with the time spent in it."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+# Cubes along each axis that a key has room for, 21 bits each; the origin is in the middle.
+HALF_SPAN = 2**20
+
+
+class Voxels:
+    """The cubes of ``size_m`` that are filled."""
+
+    def __init__(self, size_m: float) -> None:
+        self._size_m = size_m
+        self._filled: set[int] = set()
+
+    def fill(self, points_W: NDArray[np.float64], most: int) -> NDArray[np.int64]:
+        """Return the indices (M,) of at most ``most`` of the points (N, 3) m, one for each cube that was empty.
+
+        Only the cubes of returned points count as filled; where there are too many, the choice is even.
+        """
+        keys, first = np.unique(self._keys(points_W), return_index=True)
+        empty = np.fromiter((key not in self._filled for key in keys.tolist()), np.bool_, len(keys))
+        chosen = np.sort(first[empty])
+        if len(chosen) > most:
+            chosen = chosen[np.linspace(0, len(chosen) - 1, most).astype(np.int64)]
+        self._filled.update(self._keys(points_W[chosen]).tolist())
+        return chosen
+
+    def _keys(self, points_W: NDArray[np.float64]) -> NDArray[np.int64]:
+        cell = np.floor(points_W / self._size_m).astype(np.int64) + HALF_SPAN
+        return (cell[:, 0] << 42) | (cell[:, 1] << 21) | cell[:, 2]

@@ -1,0 +1,30 @@
+// What the page and its telemetry worker say to each other, and the form of a camera frame.
+
+import type { Colours } from "./painter";
+import type { Frame, RobotState, ShownPicture, Tick, TimelineEvent } from "./types";
+
+export type Message = ({ type: "state" } & RobotState) | ({ type: "tick" } & Tick) | ({ type: "event" } & TimelineEvent);
+
+export type ToWorker =
+  | { kind: "connect"; url: string }
+  | { kind: "draw"; picture: OffscreenCanvas; overlay: OffscreenCanvas }
+  | { kind: "mark"; shown: boolean; colours: Colours }
+  | { kind: "level"; level: boolean };
+
+export type FromWorker =
+  | { kind: "open" }
+  | { kind: "closed" }
+  | { kind: "message"; message: Message }
+  | { kind: "round-trip"; ms: number | null }
+  | { kind: "picture"; picture: ShownPicture };
+
+const FRAME_KIND = 1;
+
+/** One byte kind, a little-endian uint32 length, that much JSON, then the JPEG. */
+export function parseFrame(buffer: ArrayBuffer): Frame | null {
+  const view = new DataView(buffer);
+  if (buffer.byteLength < 5 || view.getUint8(0) !== FRAME_KIND) return null;
+  const length = view.getUint32(1, true);
+  const header = JSON.parse(new TextDecoder().decode(new Uint8Array(buffer, 5, length))) as Omit<Frame, "jpeg">;
+  return { ...header, jpeg: new Uint8Array(buffer, 5 + length) };
+}

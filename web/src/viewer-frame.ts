@@ -1,0 +1,90 @@
+// Runs in the 3D view's frame before viser does: drawing must never crowd out the operator's controls.
+//
+// viser draws as often as the browser lets it. Without a graphics card one picture takes a good part of a second, the
+// page and the simulator wait for it, and a stop would come late. So after each picture the view rests, the longer
+// the longer the picture took; and what costs most and shows least is left out where a processor draws.
+{
+  const FREE_MS = 20; // a picture this quick comes from a graphics card, and nobody waits for it
+  const REST = 8; // times the picture's own duration
+  const REST_IN_HAND = 1; // while the view is being turned
+  const LONGEST_REST_MS = 2000;
+  const SLOW_MS = 120; // fewer points are drawn until a picture takes less than this,
+  const QUICK_MS = 50; // and more again when it takes less than this
+  const LEAST_DETAIL = 0.1;
+  const PROCESSOR = /swiftshader|llvmpipe|softpipe|software|basic render/i;
+
+  const nativeRequest = window.requestAnimationFrame.bind(window);
+  let waiting = new Map<number, FrameRequestCallback>();
+  let lastId = 0;
+  let asked = false;
+  let inHand = false;
+  let notBefore = 0;
+  let detail = 1;
+
+  function ask(): void {
+    if (asked) return;
+    asked = true;
+    const rest = notBefore - performance.now();
+    if (rest > 1) setTimeout(() => nativeRequest(draw), rest);
+    else nativeRequest(draw);
+  }
+
+  function draw(now: DOMHighResTimeStamp): void {
+    const callbacks = waiting;
+    waiting = new Map();
+    asked = false;
+    notBefore = Infinity;
+    const begun = performance.now();
+    // The browser asks for the next picture when this one is through.
+    nativeRequest(() => {
+      const took = performance.now() - begun;
+      const rest = took < FREE_MS ? 0 : Math.min(took * (inHand ? REST_IN_HAND : REST), LONGEST_REST_MS);
+      notBefore = performance.now() + rest;
+      if (took > SLOW_MS) detail = Math.max(LEAST_DETAIL, detail / 1.5);
+      else if (took < QUICK_MS) detail = Math.min(1, detail * 1.1);
+      if (waiting.size) ask();
+    });
+    for (const callback of callbacks.values())
+      try {
+        callback(now);
+      } catch (error) {
+        reportError(error);
+      }
+  }
+
+  window.requestAnimationFrame = (callback) => {
+    waiting.set(++lastId, callback);
+    if (notBefore !== Infinity) ask();
+    return lastId;
+  };
+  window.cancelAnimationFrame = (id) => void waiting.delete(id);
+  window.addEventListener("pointerdown", () => (inHand = true), { capture: true });
+  for (const end of ["pointerup", "pointercancel"])
+    window.addEventListener(end, () => (inHand = false), { capture: true });
+
+  function drawnByProcessor(): boolean {
+    const gl = document.createElement("canvas").getContext("webgl2");
+    const info = gl?.getExtension("WEBGL_debug_renderer_info");
+    const name = gl && info ? String(gl.getParameter(info.UNMASKED_RENDERER_WEBGL)) : "";
+    gl?.getExtension("WEBGL_lose_context")?.loseContext();
+    return PROCESSOR.test(name);
+  }
+
+  /** The points of a chunk come in no order: the first part of them is a fair sample of the whole. */
+  function drawFewerPoints(gl: WebGL2RenderingContext): void {
+    const native = gl.drawArrays.bind(gl);
+    gl.drawArrays = (mode, first, count) =>
+      native(mode, first, mode === gl.POINTS ? Math.ceil(count * detail) : count);
+  }
+
+  if (drawnByProcessor()) {
+    const native = HTMLCanvasElement.prototype.getContext as (kind: string, options?: object) => RenderingContext | null;
+    HTMLCanvasElement.prototype.getContext = function (this: HTMLCanvasElement, kind: string, options?: object) {
+      if (!kind.startsWith("webgl")) return native.call(this, kind, options);
+      const gl = native.call(this, kind, { ...options, antialias: false });
+      if (gl instanceof WebGL2RenderingContext) drawFewerPoints(gl);
+      return gl;
+    } as typeof HTMLCanvasElement.prototype.getContext;
+    Object.defineProperty(window, "devicePixelRatio", { get: () => 1 });
+  }
+}

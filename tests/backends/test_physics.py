@@ -1,13 +1,13 @@
 """The rigid bodies: rest, friction at any yaw, servos, states, determinism."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pybullet
 import pytest
+from numba import typeof
 
-from snakeslam.backends.sim.contacts import on_links
-from snakeslam.backends.sim.friction import sliding_forces
+from snakeslam.backends.sim.contacts import obstacle_contacts
 from snakeslam.backends.sim.physics import PhysicsSettings, SnakePhysics, lying_pose, pose_with_head_at
 from snakeslam.errors import BackendError
 from snakeslam.geometry import se3, so3
@@ -133,22 +133,37 @@ def test_it_starts_with_its_head_where_asked(make):
     np.testing.assert_allclose(T_WI[:3, 0], [0, 1, 0], atol=1e-5)
 
 
+def _box(physics, halfs_m, centre_W):
+    client = physics.client_id
+    shape = pybullet.createCollisionShape(pybullet.GEOM_BOX, halfExtents=halfs_m, physicsClientId=client)
+    return pybullet.createMultiBody(0, shape, basePosition=centre_W, physicsClientId=client)
+
+
 def test_a_wall_stops_it_and_the_friction_law_acts_there_too(make):
     physics = make(T_W_base=se3.from_rt(np.eye(3), np.array([0, 0, SHORT.radius_m])))
-    client = physics.client_id
-    shape = pybullet.createCollisionShape(pybullet.GEOM_BOX, halfExtents=[0.05, 1, 0.2], physicsClientId=client)
-    wall = pybullet.createMultiBody(0, shape, basePosition=[SHORT.length_m + 0.15, 0, 0.2], physicsClientId=client)
-    pybullet.resetBaseVelocity(physics.body_id, [0.8, 0, 0], [0, 0, 0], physicsClientId=client)
-    forms = lambda: (len(on_links.signatures), len(sliding_forces.signatures))  # type: ignore[attr-defined]  # noqa: E731
-    physics.step()
-    touched, known = False, forms()
+    wall = _box(physics, [0.05, 1, 0.2], [SHORT.length_m + 0.15, 0, 0.2])
+    pybullet.resetBaseVelocity(physics.body_id, [0.8, 0, 0], [0, 0, 0], physicsClientId=physics.client_id)
+    touched = False
     for _ in range(200):
         physics.step()
-        touched |= bool(pybullet.getContactPoints(physics.body_id, wall, physicsClientId=client))
+        touched |= bool(pybullet.getContactPoints(physics.body_id, wall, physicsClientId=physics.client_id))
     assert touched
-    # Arrays of another form would be compiled for, and stop a live robot for seconds.
-    assert forms() == known
     assert physics.head_state()[0][0, 3] < SHORT.length_m + 0.1 - SHORT.joint_length_m / 2 + 0.02
+
+
+def test_an_obstacle_bears_it_as_the_floor_does(make):
+    physics = make(T_W_base=se3.from_rt(np.eye(3), np.array([0, 0, 0.4 + SHORT.radius_m])))
+    _box(physics, [1, 1, 0.2], [0, 0, 0.2])
+    _steps(physics, 1.0)
+    borne = obstacle_contacts(physics.body_id, physics.client_id)
+    assert len(borne.load_n) > 4
+    assert borne.load_n.sum() == pytest.approx(9 * SHORT.link_mass_kg * 9.81, rel=0.02)
+    # Arrays of another form than the floor's would be compiled for, and stop a live robot for seconds.
+    assert _forms(borne) == _forms(physics.floor_contacts())
+
+
+def _forms(contacts):
+    return [typeof(getattr(contacts, field.name)) for field in fields(contacts)]
 
 
 def test_it_closes_twice():

@@ -123,10 +123,10 @@ def test_the_telemetry_carries_the_same(server: Running, client: httpx.Client) -
     client.put(HEAD, json={"neck_joints": 4}).raise_for_status()
     headers = {"Authorization": f"Bearer {TOKEN}"}
     with connect(f"{server.websocket}/api/v1/telemetry", additional_headers=headers) as stream:
-        first = json.loads(stream.recv(timeout=5))
+        first = json.loads(stream.recv(timeout=30))
         tick = {"type": None}
         while tick["type"] != "tick":
-            raw = stream.recv(timeout=5)
+            raw = stream.recv(timeout=30)
             tick = json.loads(raw) if isinstance(raw, str) else tick
     assert first["head_control"] == tick["head_control"] == {"controller": "none", "neck_joints": 4}
     assert set(first["head"]) == set(tick["head"]) == STILLNESS

@@ -82,11 +82,7 @@ def test_the_robot_stops_when_the_input_does(server: Running, client: httpx.Clie
     with teleop(server, lease) as driver:
         driver.hear()
         driver.ping()
-        driver.drive(1.0)
-        for _ in range(4):
-            time.sleep(0.1)
-            assert driver.drive(1.0)["type"] == "done"
-        assert client.get("/api/v1/state").json()["moving"] is True
+        wait_for(lambda: driver.drive(1.0)["type"] == "done" and client.get("/api/v1/state").json()["moving"])
         silent = time.monotonic()
         wait_for(lambda: driver.ping() is None and not client.get("/api/v1/state").json()["moving"])
         # Not a budget: a robot that only stopped with the lease would take a minute.

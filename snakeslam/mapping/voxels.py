@@ -8,11 +8,11 @@ HALF_SPAN = 2**20
 
 
 class Voxels:
-    """The cubes of ``size_m`` that are filled."""
+    """The cubes of ``size_m`` that are filled, as sorted keys: 8 bytes each, where a set of numbers takes eighty."""
 
     def __init__(self, size_m: float) -> None:
         self._size_m = size_m
-        self._filled: set[int] = set()
+        self._filled = np.empty(0, np.int64)
 
     def fill(self, points_W: NDArray[np.float64], most: int) -> NDArray[np.int64]:
         """Return the indices (M,) of at most ``most`` of the points (N, 3) m, one for each cube that was empty.
@@ -20,12 +20,18 @@ class Voxels:
         Only the cubes of returned points count as filled; where there are too many, the choice is even.
         """
         keys, first = np.unique(self._keys(points_W), return_index=True)
-        empty = np.fromiter((key not in self._filled for key in keys.tolist()), np.bool_, len(keys))
-        chosen = np.sort(first[empty])
+        chosen = np.sort(first[~self._has(keys)])
         if len(chosen) > most:
             chosen = chosen[np.linspace(0, len(chosen) - 1, most).astype(np.int64)]
-        self._filled.update(self._keys(points_W[chosen]).tolist())
+        new = np.sort(self._keys(points_W[chosen]))
+        self._filled = np.insert(self._filled, np.searchsorted(self._filled, new), new)
         return chosen
+
+    def _has(self, keys: NDArray[np.int64]) -> NDArray[np.bool_]:
+        if not len(self._filled):
+            return np.zeros(len(keys), np.bool_)
+        at = np.searchsorted(self._filled, keys)
+        return self._filled[np.minimum(at, len(self._filled) - 1)] == keys
 
     def _keys(self, points_W: NDArray[np.float64]) -> NDArray[np.int64]:
         cell = np.floor(points_W / self._size_m).astype(np.int64) + HALF_SPAN

@@ -25,9 +25,11 @@ BIAS_TIME_S = 30.0
 WAVE_TIME_S = 300.0
 """Another gait has another wave, learnt anew: within a gait it hardly changes."""
 SCALE_TIME_S = 3.0
+FIRST_SCALE_TIME_S = 1.0
+"""What is assumed of the scale at the start weighs as much as having watched it for so long."""
 MAX_STEP = 10.0
-LEAST_SCALE, MOST_SCALE = 1.0, 20.0
-"""Less is not believed: the filter's own covariance, too, is in what it is learnt from."""
+LEAST_SCALE, MOST_SCALE = 0.1, 20.0
+"""In serpentine gaits the model errs by .2 to .4 sigmas, in rolling and raised ones by 1."""
 MAX_RATIO = 20.0
 SLOW = 7
 BIAS, WAVE = slice(1, 3), slice(3, 7)
@@ -50,6 +52,7 @@ class SlipModel:
         self._wave = GaitWave()
         self._phasor = np.zeros(2)
         self.scale = settings.slip_scale
+        self._watched_s = FIRST_SCALE_TIME_S
 
     @property
     def log_ratio(self) -> float:
@@ -107,12 +110,14 @@ class SlipModel:
     def learn(self, way: Reckoned, moved_I: Float, cov_moved: Float) -> None:
         """Take what the filter, seeing, says of a corrected way: ``moved_I`` (3,) m with covariance (3, 3).
 
-        A Kalman step on the slow states, slip as lasting noise; then scale^2 <- scale^2 (1 + (d^2 / 3 - 1) dt / T).
+        A Kalman step on the slow states, slip as lasting noise; then scale^2 <- scale^2 (1 + (d^2 / 3 - 1) dt / T),
+        where T is the time watched so far, up to SCALE_TIME_S.
         """
         e = moved_I - way.dp_I
         self._learn_slow(way, e, cov_moved)
         distance = float(e @ np.linalg.solve(self._slip(way) + cov_moved, e)) / 3.0
-        gain = min(1.0, way.dt_s / SCALE_TIME_S)
+        self._watched_s = min(self._watched_s + way.dt_s, SCALE_TIME_S)
+        gain = min(1.0, way.dt_s / self._watched_s)
         scale = self.scale * np.sqrt(1.0 + (min(distance, MAX_STEP) - 1.0) * gain)
         self.scale = float(np.clip(scale, LEAST_SCALE, MOST_SCALE))
 

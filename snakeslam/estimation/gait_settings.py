@@ -22,7 +22,7 @@ class GaitSensorSettings(Settings):
     """Sigma of such a velocity that turns with the gait; 0 leaves it at none."""
     rate_hz: Positive = 20.0
     """How often the balance of friction is solved; at least once between two frames."""
-    slip_scale: Positive = 1.5
+    slip_scale: Positive = 1.0
     """Error of the velocity, in sigmas of the scatter of the links' slips; it is estimated from then on."""
     slip_time_s: Positive = 0.5
     """Time over which that error lasts."""

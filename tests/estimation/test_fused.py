@@ -163,16 +163,17 @@ def test_a_clock_that_jumps_is_lived_through() -> None:
     assert not history.covers(100_000_000, 310_000_000)
 
 
-def test_ratio_and_error_are_learnt(rng: np.random.Generator) -> None:
-    """Ways of a ground with ratio 6 and errors of 3 sigmas, seen by an exact filter."""
+@pytest.mark.parametrize("sigmas", [0.3, 3.0])
+def test_ratio_and_error_are_learnt(rng: np.random.Generator, sigmas: float) -> None:
+    """Ways of a ground with ratio 6 and errors of so many sigmas, seen by an exact filter."""
     slip = SlipModel(GAIT)
     wrong = float(np.log(6.0 / 3.0))
     for _ in range(400):
         J = rng.normal(0, 0.005, 3)
         told = reckoned((slip.log_ratio - np.log(3.0)) * J, np.zeros(3), 0.01, J)
-        slip.learn(told, wrong * J + rng.normal(0, 3.0 * 0.01 * 0.05, 3), 1e-10 * np.eye(3))
+        slip.learn(told, wrong * J + rng.normal(0, sigmas * 0.01 * 0.05, 3), 1e-10 * np.eye(3))
     assert slip.ratio == pytest.approx(6.0, rel=0.15)
-    assert slip.scale == pytest.approx(3.0, rel=0.3)
+    assert slip.scale == pytest.approx(sigmas, rel=0.3)
     held = SlipModel(GaitSensorSettings(ratio_sigma=0.0))
     held.learn(reckoned(np.zeros(3), np.zeros(3), 0.01, np.ones(3)), np.full(3, 0.01), np.eye(3))
     assert held.ratio == pytest.approx(3.0)

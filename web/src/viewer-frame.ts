@@ -5,9 +5,9 @@
 // the longer the picture took; and what costs most and shows least is left out where a processor draws.
 {
   const FREE_MS = 20; // a picture this quick comes from a graphics card, and nobody waits for it
-  const REST = 8; // times the picture's own duration
+  const REST = 12; // times the picture's own duration
   const REST_IN_HAND = 1; // while the view is being turned
-  const LONGEST_REST_MS = 2000;
+  const LONGEST_REST_MS = 3000;
   const SLOW_MS = 120; // fewer points are drawn until a picture takes less than this,
   const QUICK_MS = 50; // and more again when it takes less than this
   const LEAST_DETAIL = 0.1;
@@ -85,6 +85,6 @@
       if (gl instanceof WebGL2RenderingContext) drawFewerPoints(gl);
       return gl;
     } as typeof HTMLCanvasElement.prototype.getContext;
-    Object.defineProperty(window, "devicePixelRatio", { get: () => 1 });
+    Object.defineProperty(window, "devicePixelRatio", { get: () => 0.5 });
   }
 }

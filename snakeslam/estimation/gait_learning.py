@@ -29,7 +29,7 @@ FIRST_SCALE_TIME_S = 1.0
 """What is assumed of the scale at the start weighs as much as having watched it for so long."""
 MAX_STEP = 10.0
 LEAST_SCALE, MOST_SCALE = 0.1, 20.0
-"""In serpentine gaits the model errs by .2 to .4 sigmas, in rolling and raised ones by 1."""
+"""In serpentine gaits the model errs by .2 to .4 sigmas along the ground, in rolling and raised ones by 1."""
 MAX_RATIO = 20.0
 SLOW = 7
 BIAS, WAVE = slice(1, 3), slice(3, 7)
@@ -37,6 +37,8 @@ BIAS, WAVE = slice(1, 3), slice(3, 7)
 
 class SlipModel:
     """(log(ratio), bias, wave) as a random walk, and the scale of the velocity's error in sigmas of the reckoning.
+
+    The scale (3,) is ahead, to the left and out of the ground: a head that knocks is wrong upwards and right ahead.
 
     The bias (2,) m/s is ahead and to the left along the ground: what rolling loses of its speed no ratio explains. The
     wave (2, 2) m/s is a bias that turns with the gait, its parts along the cosine and the sine of ``GaitWave``.
@@ -51,7 +53,7 @@ class SlipModel:
         self._cov = np.diag(self._prior)
         self._wave = GaitWave()
         self._phasor = np.zeros(2)
-        self.scale = settings.slip_scale
+        self.scale: Float = np.full(3, settings.slip_scale)
         self._watched_s = FIRST_SCALE_TIME_S
 
     @property
@@ -76,7 +78,7 @@ class SlipModel:
 
     def see(self, way: Reckoned) -> None:
         """Take the way of the next frame: where in its period the gait is."""
-        self._phasor, anew = self._wave.see(way.dq_rad_s, np.cross(*way.heading_I.T))
+        self._phasor, anew = self._wave.see(way.dq_rad_s, _axes(way)[:, 2])
         if anew:
             self._slow[WAVE] = 0.0
             self._cov[WAVE, :] = self._cov[:, WAVE] = 0.0
@@ -95,7 +97,9 @@ class SlipModel:
         return np.asarray(lasting * self._lasts(way) + turning @ self._cov[WAVE, WAVE] @ turning.T, dtype=np.float64)
 
     def _slip(self, way: Reckoned) -> Float:
-        return self.scale**2 * way.cov_v * way.dt_s**2
+        axes_I = _axes(way)
+        stretch = axes_I @ np.diag(self.scale) @ axes_I.T
+        return stretch @ way.cov_v @ stretch * way.dt_s**2
 
     def _lasts(self, way: Reckoned) -> float:
         return max(1.0, 2.0 * self._settings.slip_time_s / way.dt_s)
@@ -110,16 +114,17 @@ class SlipModel:
     def learn(self, way: Reckoned, moved_I: Float, cov_moved: Float) -> None:
         """Take what the filter, seeing, says of a corrected way: ``moved_I`` (3,) m with covariance (3, 3).
 
-        A Kalman step on the slow states, slip as lasting noise; then scale^2 <- scale^2 (1 + (d^2 / 3 - 1) dt / T),
-        where T is the time watched so far, up to SCALE_TIME_S.
+        A Kalman step on the slow states, slip as lasting noise; then along each axis
+        scale^2 <- scale^2 (1 + (d^2 - 1) dt / T), where T is the time watched so far, up to SCALE_TIME_S.
         """
         e = moved_I - way.dp_I
         self._learn_slow(way, e, cov_moved)
-        distance = float(e @ np.linalg.solve(self._slip(way) + cov_moved, e)) / 3.0
+        axes_I = _axes(way)
+        d2 = (axes_I.T @ e) ** 2 / np.diag(axes_I.T @ (self._slip(way) + cov_moved) @ axes_I)
         self._watched_s = min(self._watched_s + way.dt_s, SCALE_TIME_S)
         gain = min(1.0, way.dt_s / self._watched_s)
-        scale = self.scale * np.sqrt(1.0 + (min(distance, MAX_STEP) - 1.0) * gain)
-        self.scale = float(np.clip(scale, LEAST_SCALE, MOST_SCALE))
+        scale = self.scale * np.sqrt(1.0 + (np.minimum(d2, MAX_STEP) - 1.0) * gain)
+        self.scale = np.clip(scale, LEAST_SCALE, MOST_SCALE)
 
     def _learn_slow(self, way: Reckoned, e: Float, cov_moved: Float) -> None:
         J = self._jacobian(way)
@@ -139,3 +144,8 @@ class SlipModel:
         growth = growth * dt_s
         room = np.maximum(0.0, self._prior - np.diag(self._cov))
         self._cov = self._cov + np.diag(np.minimum(growth, room))
+
+
+def _axes(way: Reckoned) -> Float:
+    """Return ahead, to the left and out of the ground, (3, 3)."""
+    return np.column_stack([way.heading_I, np.cross(*way.heading_I.T)])

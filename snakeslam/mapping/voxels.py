@@ -8,7 +8,7 @@ HALF_SPAN = 2**20
 
 
 class Voxels:
-    """The cubes of ``size_m`` that are filled, as sorted keys: 8 bytes each, where a set of numbers takes eighty."""
+    """The cubes of ``size_m`` that are filled, as sorted keys: 8 bytes each, an eighth of what a set takes."""
 
     def __init__(self, size_m: float) -> None:
         self._size_m = size_m

@@ -6,10 +6,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from snakeslam.estimation.anchors import Anchors
 from snakeslam.estimation.camera import PinholeCamera
 from snakeslam.estimation.settings import FrontendSettings
 from snakeslam.estimation.tracks import among
 from snakeslam.geometry import so3
+from snakeslam.geometry.compiled import compiled
 from snakeslam.messages import CameraFrame, Float
 
 BORDER_PX = 8
@@ -66,6 +68,8 @@ class Frontend:
         self._ids = np.empty(0, np.int64)
         self._depth_m = np.empty(0)
         self._next_id = 0
+        self._anchors = Anchors()
+        self._R_CF = np.eye(3)
 
     def process(self, frame: CameraFrame, T_C1C0: Float) -> FrontendFrame:
         """Follow the features of the frame before into ``frame``, given about how the camera has moved, and find more.
@@ -76,6 +80,7 @@ class Frontend:
             return self._frame((self._px[:0], self._ids[:0]), 0.0, len(self._px), frozen=True)
         self._smear = self._smear_of(frame, T_C1C0)
         self._t_ns = frame.t_ns
+        self._R_CF = T_C1C0[:3, :3] @ self._R_CF
         moved = np.ones(0, bool)
         disparity: float | None = None
         if self._gray is not None and len(self._px):
@@ -85,8 +90,12 @@ class Frontend:
         rejected = self._px[~moved], self._ids[~moved]
         self._px, self._ids = self._px[moved], self._ids[moved]
         followed = len(self._px)
+        depth_m = sample_depth(frame.depth_m, self._px)
+        xy = self._camera.normalise(self._px)
+        self._px = self._anchors.settle(frame.gray, self._px, self._ids, xy, depth_m, self._R_CF)
         self._detect(frame.gray)
-        self._depth_m = sample_depth(frame.depth_m, self._px)
+        self._depth_m = np.concatenate([depth_m, sample_depth(frame.depth_m, self._px[followed:])])
+        self._anchors.add(frame.gray, self._px, self._ids, self._depth_m, self._R_CF)
         return self._frame(rejected, disparity, followed, frozen=False)
 
     def _frame(
@@ -193,15 +202,10 @@ class Frontend:
         t = t[length > FROZEN_LEVEL] / length[length > FROZEN_LEVEL, None]
         if not len(t):
             return np.ones(n, bool), float(np.median(rest_px))
-        # The line of x0 is t x (R x0): x1 lies on it where t . n is zero.
-        x, y, z = turned.T
-        steepness = np.hypot(np.outer(t[:, 1], z) - np.outer(t[:, 2], y), np.outer(t[:, 2], x) - np.outer(t[:, 0], z))
-        limit = self._settings.ransac_threshold_px / self._camera.focal_px
-        inliers = np.abs(t @ normals.T) < limit * np.maximum(steepness, 1e-9)
+        limit = self._settings.ransac_threshold_px
         # A feature that moved less than the threshold fits any direction.
-        inliers |= rest_px < self._settings.ransac_threshold_px
-        good = inliers[int(np.argmax(inliers.sum(axis=-1)))]
-        return np.asarray(good), float(np.median(rest_px[good])) if good.any() else None
+        good = _most_agreeing(t, normals, turned, limit / self._camera.focal_px, rest_px < limit)
+        return good, float(np.median(rest_px[good])) if good.any() else None
 
     def _detect(self, gray: NDArray[np.uint8]) -> None:
         """Fill up to ``max_tracks`` with each empty cell's strongest FAST corner, when more than a few are missing."""
@@ -263,22 +267,52 @@ def _free(taken: NDArray[np.bool_], cell: int, shape: tuple[int, ...]) -> NDArra
     return mask
 
 
+@compiled
+def _most_agreeing(t: Float, normals: Float, turned: Float, limit: float, near: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the features (N,) that agree with that direction of travel of ``t`` (K, 3) with which most do.
+
+    The line of x0 is t x (R x0): x1 lies on it where t . n is zero.
+    """
+    best, most = near.copy(), -1
+    agree = near.copy()
+    for k in range(len(t)):
+        a, b, c = t[k, 0], t[k, 1], t[k, 2]
+        count = 0
+        for i in range(len(normals)):
+            x, y, z = turned[i, 0], turned[i, 1], turned[i, 2]
+            steepness = np.sqrt((b * z - c * y) ** 2 + (c * x - a * z) ** 2)
+            off = abs(a * normals[i, 0] + b * normals[i, 1] + c * normals[i, 2])
+            agree[i] = near[i] or off < limit * max(steepness, 1e-9)
+            count += agree[i]
+        if count > most:
+            most = count
+            best[:] = agree
+    return best
+
+
 def sample_depth(depth_m: NDArray[np.float32] | None, px: NDArray[np.float32]) -> Float:
     """Return the depth at pixels (N,), 0 where it is unknown or its 3x3 surroundings hold an edge."""
     if depth_m is None or not len(px):
         return np.zeros(len(px))
-    u, v = np.rint(px[:, 0]).astype(np.int64), np.rint(px[:, 1]).astype(np.int64)
-    du, dv = np.meshgrid([-1, 0, 1], [-1, 0, 1])
+    return _smooth_depth(depth_m, np.rint(px).astype(np.int64))
+
+
+@compiled
+def _smooth_depth(depth_m: NDArray[np.float32], px: NDArray[np.int64]) -> Float:
+    """Return the median of 3x3 depths about each pixel, 0 where one is unknown or they differ too much."""
     height, width = depth_m.shape
-    around = np.nan_to_num(
-        depth_m[np.clip(v[:, None] + dv.ravel(), 0, height - 1), np.clip(u[:, None] + du.ravel(), 0, width - 1)].astype(
-            np.float64
-        ),
-        posinf=0.0,
-        neginf=0.0,
-    )
-    middle = np.median(around, axis=-1)
-    # The allowance grows like the noise of a depth camera does.
-    allowance = EDGE_PER_M * middle + EDGE_PER_M2 * middle**2
-    smooth = (around.min(axis=-1) > 0.0) & (np.ptp(around, axis=-1) <= allowance)
-    return np.where(smooth, middle, 0.0)
+    out = np.zeros(len(px))
+    around = np.empty(9)
+    for k in range(len(px)):
+        n = 0
+        for i in range(px[k, 1] - 1, px[k, 1] + 2):
+            for j in range(px[k, 0] - 1, px[k, 0] + 2):
+                around[n] = depth_m[min(max(i, 0), height - 1), min(max(j, 0), width - 1)]
+                n += 1
+        if not np.all(np.isfinite(around)) or around.min() <= 0.0:
+            continue
+        middle = np.median(around)
+        # The allowance grows like the noise of a depth camera does.
+        if around.max() - around.min() <= EDGE_PER_M * middle + EDGE_PER_M2 * middle**2:
+            out[k] = middle
+    return out

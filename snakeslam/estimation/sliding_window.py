@@ -13,6 +13,7 @@ from snakeslam.estimation.gating import Innovation
 from snakeslam.estimation.ieskf import Measurement, update
 from snakeslam.estimation.measurements import CameraRows, Observations
 from snakeslam.estimation.preintegration import ImuSegments, preintegrate
+from snakeslam.estimation.relocalisation import Place
 from snakeslam.estimation.self_calibration import RATE_SPAN_S, free_mount, motion_by_time
 from snakeslam.estimation.settings import EstimatorSettings
 from snakeslam.estimation.sightings import Sightings
@@ -126,6 +127,13 @@ class SlidingWindow:
     def hold(self, rest: Rest) -> None:
         """Take that the head is at rest, at a time without a picture of its own."""
         update(self.state, self._at_rest(rest, False), self._settings.max_iterations)
+
+    def relocate(self, place: Place) -> bool:
+        """Take a pose that was found again; return whether it is within its gate."""
+        if not place.innovation(self.state).accepted.all():
+            return False
+        update(self.state, [place], self._settings.max_iterations)
+        return True
 
     def carry(self, way: GaitWay) -> Report:
         """Take the velocity that the gait tells, at a time without a picture of its own."""

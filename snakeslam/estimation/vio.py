@@ -18,10 +18,12 @@ from snakeslam.estimation.base import FrameEstimate
 from snakeslam.estimation.camera import PinholeCamera
 from snakeslam.estimation.frontend import Frontend, FrontendFrame
 from snakeslam.estimation.gait_aid import GaitAid
+from snakeslam.estimation.gait_rows import GaitWay
 from snakeslam.estimation.gating import Agreement
 from snakeslam.estimation.health import Evidence, judge, supports
 from snakeslam.estimation.preintegration import ImuBuffer
 from snakeslam.estimation.published import frame_estimate
+from snakeslam.estimation.relocalisation import Relocaliser
 from snakeslam.estimation.roll import RollPrior, with_roll
 from snakeslam.estimation.self_calibration import Mount
 from snakeslam.estimation.settings import EstimatorSettings
@@ -81,6 +83,7 @@ class VisualInertialOdometry:
         self._picture_ns: int | None = None
         self._back_ns: list[int] = []
         self._roll = RollPrior()
+        self._relocaliser = Relocaliser(settings, rig.cam0, seed)
         self._v_mean_W, self._v_mean_ns = np.zeros(3), 0
         self._bias_g = np.zeros(3)
         self._supported_ns = 0
@@ -153,10 +156,12 @@ class VisualInertialOdometry:
     def _track(self, frame: CameraFrame, seen: Seen, window: SlidingWindow, gap_s: float) -> FrameEstimate:
         """Correct the propagated state by what is seen, and judge."""
         features, state, health = seen.features, window.state, self._settings.health
+        way = self._gait.tell(state, self._imu, seen.t_ns, features.frozen) if self._gait else None
         rest = self._rest.see(seen.t_ns, features, self._imu.recent(seen.t_ns - REST_NS), state.bias_g)
-        if self._moves(state, seen.t_ns):
+        # A head held still on a crawling body looks at rest to the picture and to the IMU.
+        if self._moves(state, seen.t_ns) or way is not None:
             rest = None
-        report = self._correct(seen, window, rest)
+        report = self._correct(seen, window, rest, way)
         self._frontend.drop(report.refused)
         evidence = Evidence(
             followed=features.followed,
@@ -173,29 +178,39 @@ class VisualInertialOdometry:
             holds = self._gait.hear(report.carried, supports(evidence, health))
             evidence = replace(evidence, gait_holds=holds, gait_faults=self._gait.reasons)
             health = health.model_copy(update={"max_blind_s": self._gait.settings.max_blind_s}) if holds else health
+        events: tuple[str, ...] = ()
         if supports(evidence, health):
+            events = self._relocalise(frame, seen, window, evidence.blind_s)
             self._supported_ns = seen.t_ns
             self._anchor = (float(so3.yaw(state.R_WI)), state.p_WI)
             evidence = replace(evidence, blind_s=0.0)
-        return self._conclude(frame, seen, state, judge(evidence, health))
+        return self._conclude(frame, seen, state, judge(evidence, health), events)
 
-    def _correct(self, seen: Seen, window: SlidingWindow, rest: Rest | None) -> Report:
-        """Take the picture, rest and gait into the filter; a picture that does not change is none."""
-        way = self._gait.tell(window.state, self._imu, seen.t_ns, seen.features.frozen) if self._gait else None
-        if rest is not None:
-            way = None
+    def _relocalise(self, frame: CameraFrame, seen: Seen, window: SlidingWindow, blind_s: float) -> tuple[str, ...]:
+        """After a time without sight look where the head has come to; return what to say of it."""
+        place = self._relocaliser.see(frame, seen.features, window.state, blind_s)
+        if place is None or not window.relocate(place):
+            return ()
+        self._relocaliser.found()
+        return ("relocalised",)
+
+    @staticmethod
+    def _correct(seen: Seen, window: SlidingWindow, rest: Rest | None, way: GaitWay | None) -> Report:
+        """Take the picture, and rest or gait, into the filter; a picture that does not change is none."""
         if not seen.features.frozen:
             return window.correct(seen.features, rest, way)
         if rest is not None:
             window.hold(rest)
         return window.carry(way) if way is not None else Report.none()
 
-    def _conclude(self, frame: CameraFrame, seen: Seen, state: State, health: Health) -> FrameEstimate:
+    def _conclude(
+        self, frame: CameraFrame, seen: Seen, state: State, health: Health, events: tuple[str, ...]
+    ) -> FrameEstimate:
         """Publish; start anew when the filter is lost."""
         self._imu.forget_before(min(state.t_ns - REST_NS, self._picture_ns or state.t_ns))
         if health.verdict is not Verdict.LOST:
             self._bias_g = state.bias_g
-            return frame_estimate(frame, seen, state, health, shift_ns=self._shift_ns)
+            return frame_estimate(frame, seen, state, health, events, self._shift_ns)
         self._reset(state)
         return frame_estimate(frame, seen, None, health, ("reset",))
 
@@ -221,13 +236,18 @@ class VisualInertialOdometry:
         self._filter.propagate(self._imu.segments(state.t_ns, seen.t_ns), seen.t_ns, 0.0)
         report = self._filter.correct(seen.features)
         self._frontend.drop(report.refused)
+        events: tuple[str, ...] = (event,)
+        place = self._relocaliser.start(frame)
+        if place is not None:
+            self._anchor = (float(so3.yaw(place.T_WI[:3, :3])), place.T_WI[:3, 3])
+            events = (event, "relocalised")
         state.make_origin(*self._anchor)
         if event == AT_REST:
             self._rest.begin(seen.t_ns, seen.features)
         self._bias_g = state.bias_g
         self._supported_ns = seen.t_ns
         health = Health(Verdict.GOOD, (), seen.features.followed)
-        return frame_estimate(frame, seen, state, health, (event,), self._shift_ns)
+        return frame_estimate(frame, seen, state, health, events, self._shift_ns)
 
     def _motion(self, t_ns: int) -> Float:
         """Return T_C1C0, about how the camera has moved since the last new picture: as the filter foresees.

@@ -1,0 +1,198 @@
+"""Where the head is after a time without sight: found again in pictures that were kept on the way.
+
+A kept picture (keyframe) costs nothing until it is needed: only then are ORB features sought in it and in the newest
+one, matched, and the pose taken that most of them agree with, as ``estimator.mode=visual`` does [Rublee11].
+
+With T_KN the newest camera's IMU in the keyframe's, p = p_K + R_K p_KN. A turn and a way sideways look much alike, and
+the turn since the keyframe is better known by the gyro: it is taken as a prior of the fit. What the attitude of both is
+wrong by is the same, so that only the position is told.
+"""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from snakeslam.calibration import CameraCalibration
+from snakeslam.estimation.camera import PinholeCamera
+from snakeslam.estimation.frontend import FrontendFrame
+from snakeslam.estimation.gating import Innovation
+from snakeslam.estimation.ieskf import PlainRows
+from snakeslam.estimation.orb import OrbExtractor
+from snakeslam.estimation.pnp import PoseFit
+from snakeslam.estimation.settings import EstimatorSettings
+from snakeslam.estimation.state import P, State
+from snakeslam.estimation.visual_map import VisualMap
+from snakeslam.estimation.visual_match import NOTHING, Matcher, View, look
+from snakeslam.geometry import se3, so3
+from snakeslam.messages import CameraFrame, Float
+
+MOST_KEYFRAMES = 24
+APART_M, APART_RAD = 0.15, np.deg2rad(15.0)
+"""A picture is kept when none that is kept was taken so near and turned so alike."""
+MOST_SMEAR_PX = 3.0
+MOST_CANDIDATES = 3
+LEAST_SHARE = 0.5
+"""Of the matched features so many must agree."""
+TURN_RAD, TURN_RAD_S = 0.001, 0.0005
+"""What the gyro's turn is wrong by: at once, and for each second."""
+BLIND_S = 0.3
+"""Nothing seen for so long, and it is looked where the head has come to."""
+TRIES, FRAMES_PER_TRY = 4, 5
+LESS_CERTAIN = 2.0
+"""By so much must the reckoning's variance exceed the keyframe's: both hold the error of the way up to it."""
+
+
+@dataclass(slots=True)
+class Keyframe:
+    """A kept picture, the pose (4, 4) of the IMU as the filter had it, and the covariance (3, 3) of its position."""
+
+    frame: CameraFrame
+    T_WI: Float
+    cov_p: Float
+    view: View | None = field(default=None)
+
+
+@dataclass(slots=True)
+class Place(PlainRows):
+    """Rows p = p_m of a position that was found: ``T_WI`` (4, 4), the covariance (3, 3) of its position."""
+
+    T_WI: Float
+    cov_p: Float
+    keyframe_cov_p: Float
+    """(3, 3), of the keyframe in which it was found."""
+
+    def residual(self, state: State) -> Float:
+        """Return the whitened residual, (3,)."""
+        return self._whitening() @ (self.T_WI[:3, 3] - state.p_WI)
+
+    def jacobian(self, state: State) -> Float:
+        """Return the whitened Jacobian, (3, size)."""
+        H = np.zeros((3, state.size))
+        H[:, P] = self._whitening()
+        return H
+
+    def _whitening(self) -> Float:
+        return np.asarray(np.linalg.inv(np.linalg.cholesky(self.cov_p)), dtype=np.float64)
+
+    def innovation(self, state: State) -> Innovation:
+        """Return how far it is from what the state foresees."""
+        H = self.jacobian(state)
+        return Innovation.of(self.residual(state)[None], (H @ state.cov @ H.T)[None], np.array([len(H)]))
+
+    def tells_more(self, state: State) -> bool:
+        """Return whether the reckoning has become much less certain than the keyframe is."""
+        return bool(np.trace(state.cov[P, P]) > LESS_CERTAIN * np.trace(self.keyframe_cov_p))
+
+
+class Keyframes:
+    """Pictures of the way, the last ``MOST_KEYFRAMES`` of them."""
+
+    def __init__(self, settings: EstimatorSettings, cam0: CameraCalibration, seed: int) -> None:
+        self._settings = settings
+        self._camera = PinholeCamera(cam0)
+        self._T_IC = cam0.T_IC
+        self._orb = OrbExtractor(settings.visual)
+        self._matcher = Matcher(settings.visual, self._camera, seed)
+        self._kept: list[Keyframe] = []
+
+    def see(self, frame: CameraFrame, features: FrontendFrame, state: State) -> None:
+        """Keep a picture with depth, sharp and of another view than those that are kept."""
+        if frame.depth_m is None or features.smear * self._camera.focal_px > MOST_SMEAR_PX:
+            return
+        if any(_apart(keyframe.T_WI, state.T_WI) < 1.0 for keyframe in self._kept):
+            return
+        self._kept.append(Keyframe(replace(frame, rgb=None), state.T_WI, state.cov[P, P].copy()))
+        del self._kept[:-MOST_KEYFRAMES]
+
+    def clear(self) -> None:
+        """Forget them."""
+        self._kept.clear()
+
+    def find(self, frame: CameraFrame, T_WI: Float | None) -> Place | None:
+        """Return where the picture was taken, sought in the keyframes about ``T_WI`` or the newest; None if nowhere."""
+        if frame.depth_m is None or not self._kept:
+            return None
+        candidates = self._kept[::-1]
+        if T_WI is not None:
+            candidates = sorted(candidates, key=lambda keyframe: _apart(keyframe.T_WI, T_WI))
+        view = self._look(frame)
+        for keyframe in candidates[:MOST_CANDIDATES]:
+            T_KN = None if T_WI is None else se3.inv(keyframe.T_WI) @ T_WI
+            fit = self._match(keyframe, view, T_KN)
+            if fit is not None:
+                fit = fit if T_KN is None else _with_turn(fit, T_KN[:3, :3], frame.t_ns - keyframe.frame.t_ns)
+                T_WN = keyframe.T_WI @ fit.T_WC
+                cov_p = keyframe.cov_p + T_WN[:3, :3] @ fit.cov[:3, :3] @ T_WN[:3, :3].T
+                return Place(T_WN, cov_p, keyframe.cov_p)
+        return None
+
+    def _look(self, frame: CameraFrame) -> View:
+        return look(frame, self._orb, self._camera, self._settings.noise, 0.0)
+
+    def _match(self, keyframe: Keyframe, view: View, T_KN: Float | None) -> PoseFit | None:
+        """Return the newest IMU in the keyframe's, sought near ``T_KN``, or by descriptors alone without it."""
+        if keyframe.view is None:
+            keyframe.view = self._look(keyframe.frame)
+        known = VisualMap(self._settings.visual)
+        known.add_keyframe(np.eye(4), np.zeros((6, 6)), keyframe.view, NOTHING.feature, NOTHING.point)
+        T_IC, T_CI, visual = self._T_IC, se3.inv(self._T_IC), self._settings.visual
+        if T_KN is None:
+            match, least = self._matcher.anywhere(view, known), visual.relocalise_inliers
+        else:
+            match, least = self._matcher.near(view, known, T_CI @ T_KN @ T_IC), visual.min_inliers
+        if match is None or match.agreeing < max(least, LEAST_SHARE * len(match.fit.inliers)):
+            return None
+        Ad = se3.adjoint(T_IC)
+        return PoseFit(T_IC @ match.fit.T_WC @ T_CI, Ad @ match.fit.cov @ Ad.T, match.fit.inliers)
+
+
+def _with_turn(fit: PoseFit, R_KN: Float, since_ns: int) -> PoseFit:
+    """Return a fit with the turn since the keyframe as the gyro has it for a prior."""
+    sigma_rad = TURN_RAD + TURN_RAD_S * since_ns * 1e-9
+    prior = np.zeros((6, 6))
+    prior[3:, 3:] = np.eye(3) / sigma_rad**2
+    cov = np.linalg.inv(np.linalg.inv(fit.cov) + prior)
+    turn = np.concatenate([np.zeros(3), so3.log(fit.T_WC[:3, :3].T @ R_KN)])
+    return PoseFit(fit.T_WC @ se3.exp(cov @ prior @ turn), np.asarray(cov, dtype=np.float64), fit.inliers)
+
+
+class Relocaliser:
+    """Keeps pictures while the camera supports the state, and looks for the head in them after a time without sight."""
+
+    def __init__(self, settings: EstimatorSettings, cam0: CameraCalibration, seed: int) -> None:
+        self._keyframes = Keyframes(settings, cam0, seed)
+        self._tries = 0
+        self._frames = 0
+
+    def see(self, frame: CameraFrame, features: FrontendFrame, state: State, blind_s: float) -> Place | None:
+        """Take a frame that supports the state after ``blind_s`` without one; return a place that tells more."""
+        if blind_s >= BLIND_S:
+            self._tries, self._frames = TRIES, 0
+        if not self._tries:
+            self._keyframes.see(frame, features, state)
+            return None
+        self._frames += 1
+        if self._frames % FRAMES_PER_TRY != 1:
+            return None
+        self._tries -= 1
+        place = self._keyframes.find(frame, state.T_WI)
+        return place if place is not None and place.tells_more(state) else None
+
+    def found(self) -> None:
+        """Look no further."""
+        self._tries = 0
+
+    def start(self, frame: CameraFrame) -> Place | None:
+        """Return where the newest pictures put the first frame after a reset; what puts it nowhere is forgotten."""
+        self._tries = 0
+        place = self._keyframes.find(frame, None)
+        if place is None:
+            self._keyframes.clear()
+        return place
+
+
+def _apart(T_WA: Float, T_WB: Float) -> float:
+    """Return how far two views are from each other, 1 where one of them need not be kept for the other."""
+    moved_m = np.linalg.norm(T_WA[:3, 3] - T_WB[:3, 3])
+    turned_rad = np.linalg.norm(so3.log(T_WA[:3, :3].T @ T_WB[:3, :3]))
+    return float(max(moved_m / APART_M, turned_rad / APART_RAD))

@@ -1,0 +1,160 @@
+"""Found again after a time without sight: in the keyframes, within what they and the fit allow, or not at all."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from snakeslam.estimation import relocalisation
+from snakeslam.estimation.base import FrameEstimate
+from snakeslam.estimation.frontend import FrontendFrame
+from snakeslam.estimation.relocalisation import MOST_KEYFRAMES, Keyframes, Place
+from snakeslam.estimation.settings import EstimatorSettings, HealthSettings
+from snakeslam.estimation.state import CORE, P, State
+from snakeslam.estimation.vio import VisualInertialOdometry
+from snakeslam.geometry import numeric, so3
+from snakeslam.messages import CameraFrame, Float, Packet, Verdict
+from tests.estimation.wall import RIG, Wall
+
+SETTINGS = EstimatorSettings()
+COVERED_NS = (2_500_000_000, 4_000_000_000)
+PUSH_M_S2 = 0.04
+"""An error of the accelerometer while nothing is seen, there and back: 22 mm after 1.5 s, and no velocity tells."""
+
+
+def covered(duration_s: float, wall: Wall | None = None) -> Iterator[Packet]:
+    """A hand-held camera, covered for 1.5 s, in which the accelerometer is wrong as well."""
+    for packet in (wall or Wall()).packets(duration_s):
+        if not COVERED_NS[0] < packet.t_ns <= COVERED_NS[1]:
+            yield packet
+        elif isinstance(packet, CameraFrame):
+            level = np.uint8(packet.seq % 2)
+            yield replace(packet, gray=np.full_like(packet.gray, level), depth_m=np.zeros_like(packet.depth_m))
+        else:
+            back = packet.t_ns > sum(COVERED_NS) // 2
+            yield replace(packet, accel_I=packet.accel_I + np.array([0.0, -PUSH_M_S2 if back else PUSH_M_S2, 0.0]))
+
+
+def run(packets: Iterator[Packet], settings: EstimatorSettings = SETTINGS) -> list[FrameEstimate]:
+    vio = VisualInertialOdometry(settings, RIG, seed=0)
+    return [e for e in map(vio.process, packets) if e is not None]
+
+
+def error_m(estimates: list[FrameEstimate], t_s: float) -> float:
+    """Distance from the truth relative to the first pose."""
+    first = next(e.pose for e in estimates if e.pose is not None)
+    now = min((e.pose for e in estimates if e.pose is not None), key=lambda pose: abs(pose.t_ns / 1e9 - t_s))
+    wall = Wall()
+    T0, T1 = wall.pose(first.t_ns / 1e9), wall.pose(now.t_ns / 1e9)
+    moved = first.T_WI[:3, :3] @ T0[:3, :3].T @ (T1[:3, 3] - T0[:3, 3])
+    return float(np.linalg.norm(now.T_WI[:3, 3] - first.T_WI[:3, 3] - moved))
+
+
+def events(estimates: list[FrameEstimate]) -> list[str]:
+    return [word for e in estimates for word in e.events]
+
+
+def test_what_was_lost_in_the_dark_is_found_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    found = run(covered(5.0))
+    assert events(found) == ["initialised at rest", "relocalised"]
+    assert max(e.t_ns for e in found if "relocalised" in e.events) < COVERED_NS[1] + 1_000_000_000
+    monkeypatch.setattr(Keyframes, "find", lambda *_: None)
+    alone = run(covered(5.0))
+    assert error_m(found, 4.0) > 0.015
+    assert error_m(found, 5.0) < 0.006 < 0.015 < error_m(alone, 5.0)
+
+
+def test_after_a_reset_it_goes_on_where_it_is() -> None:
+    """Blind for longer than it may be, it starts anew; the keyframes tell where."""
+    patient = SETTINGS.model_copy(update={"health": HealthSettings(max_blind_s=0.5)})
+    found = run(covered(6.0), patient)
+    assert events(found)[:2] == ["initialised at rest", "reset"]
+    assert events(found)[-1] == "relocalised"
+    assert error_m(found, 6.0) < 0.03
+
+
+def test_another_place_is_not_taken_for_one_that_was_seen() -> None:
+    """The wall is another one when the light comes back."""
+
+    def swapped() -> Iterator[Packet]:
+        for one, other in zip(covered(5.0), covered(5.0, Wall(seed=5)), strict=True):
+            yield other if isinstance(one, CameraFrame) and one.t_ns > COVERED_NS[1] else one
+
+    estimates = run(swapped())
+    assert "relocalised" not in events(estimates)
+    assert estimates[-1].health.verdict in (Verdict.GOOD, Verdict.DEGRADED)
+
+
+def test_a_short_gap_is_bridged_without() -> None:
+    """Sight was lost for less than .3 s: the features of the window hold."""
+    gap = (2_500_000_000, 2_700_000_000)
+    packets = (
+        replace(p, gray=np.zeros_like(p.gray)) if isinstance(p, CameraFrame) and gap[0] < p.t_ns <= gap[1] else p
+        for p in Wall().packets(4.0)
+    )
+    assert "relocalised" not in events(run(packets))
+
+
+# -- Keyframes and rows -----------------------------------------------------------------------------------------------
+
+
+def state_at(p_W: Float) -> State:
+    return State(0, np.eye(3), p_W, np.zeros(3), np.zeros(3), np.zeros(3), np.eye(CORE) * 1e-4)
+
+
+def features(smear: float = 0.0) -> FrontendFrame:
+    none = np.empty((0, 2), np.float32), np.empty(0, np.int64)
+    return FrontendFrame(*none, np.empty((0, 2)), np.empty(0), *none, None, False, 0, smear)
+
+
+def first_frame(wall: Wall) -> CameraFrame:
+    return next(p for p in wall.packets(0.0) if isinstance(p, CameraFrame))
+
+
+def test_only_so_many_sharp_pictures_with_depth_of_other_views_are_kept() -> None:
+    frame, kept = first_frame(Wall()), Keyframes(SETTINGS, RIG.cam0, 0)
+    away = np.array([1.01 * relocalisation.APART_M, 0.0, 0.0])
+    for k in range(2 * MOST_KEYFRAMES):
+        kept.see(frame, features(), state_at(k * away))
+        kept.see(frame, features(), state_at((k + 0.5) * away))
+        assert len(kept._kept) == min(k + 1, MOST_KEYFRAMES)
+    kept.clear()
+    kept.see(first_frame(Wall(depth=False)), features(), state_at(away))
+    kept.see(frame, features(smear=0.1), state_at(away))
+    assert not kept._kept
+
+
+def test_a_place_is_found_to_the_millimetre_within_what_it_says() -> None:
+    """The pictures of a moving head, sought in the first one from 10 mm beside where they were taken."""
+    wall, kept = Wall(), Keyframes(SETTINGS, RIG.cam0, 0)
+    frames = [p for p in wall.packets(3.0) if isinstance(p, CameraFrame)]
+    at = state_at(wall.pose(0.0)[:3, 3])
+    at.cov[P, P] = np.zeros((3, 3))
+    kept.see(frames[0], features(), at)
+    beside, nees, errors = np.eye(4), [], []
+    beside[:3, 3] = 0.006
+    for frame in frames[20:]:
+        T_WI = wall.pose(frame.t_ns / 1e9)
+        place = kept.find(frame, beside @ T_WI)
+        assert place is not None
+        e = place.T_WI[:3, 3] - T_WI[:3, 3]
+        nees.append(e @ np.linalg.solve(place.cov_p, e))
+        errors.append(np.linalg.norm(e))
+    assert np.mean(errors) < 0.003
+    assert np.mean(nees) < 4.0
+    assert np.sqrt(np.trace(place.cov_p)) < 0.01
+
+
+def test_jacobian_of_the_rows(rng: np.random.Generator) -> None:
+    T_WI = np.eye(4)
+    T_WI[:3, :3], T_WI[:3, 3] = so3.exp(rng.normal(size=3)), rng.normal(size=3)
+    rows = Place(T_WI, np.diag([1e-4, 2e-4, 3e-4]), np.zeros((3, 3)))
+
+    def residual(d: Float) -> Float:
+        moved = state_at(np.ones(3))
+        moved.plus(d)
+        return rows.residual(moved)
+
+    at = state_at(np.ones(3))
+    np.testing.assert_allclose(-rows.jacobian(at), numeric.jacobian(residual, at.size), atol=1e-4)

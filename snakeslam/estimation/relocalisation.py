@@ -99,7 +99,7 @@ class Keyframes:
         """Keep a picture with depth, sharp and of another view than those that are kept."""
         if frame.depth_m is None or features.smear * self._camera.focal_px > MOST_SMEAR_PX:
             return
-        if any(_apart(keyframe.T_WI, state.T_WI) < 1.0 for keyframe in self._kept):
+        if self._kept and self._apart(state.T_WI).min() < 1.0:
             return
         self._kept.append(Keyframe(replace(frame, rgb=None), state.T_WI, state.cov[P, P].copy()))
         del self._kept[:-MOST_KEYFRAMES]
@@ -114,7 +114,7 @@ class Keyframes:
             return None
         candidates = self._kept[::-1]
         if T_WI is not None:
-            candidates = sorted(candidates, key=lambda keyframe: _apart(keyframe.T_WI, T_WI))
+            candidates = [self._kept[k] for k in np.argsort(self._apart(T_WI), kind="stable")]
         view = self._look(frame)
         for keyframe in candidates[:MOST_CANDIDATES]:
             T_KN = None if T_WI is None else se3.inv(keyframe.T_WI) @ T_WI
@@ -125,6 +125,13 @@ class Keyframes:
                 cov_p = keyframe.cov_p + T_WN[:3, :3] @ fit.cov[:3, :3] @ T_WN[:3, :3].T
                 return Place(T_WN, cov_p, keyframe.cov_p)
         return None
+
+    def _apart(self, T_WI: Float) -> Float:
+        """Return how far the keyframes' views are from one, (K,), 1 where one of the two need not be kept."""
+        Ts = np.stack([keyframe.T_WI for keyframe in self._kept])
+        moved_m = np.linalg.norm(Ts[:, :3, 3] - T_WI[:3, 3], axis=1)
+        cosine = 0.5 * (np.einsum("kij,ij->k", Ts[:, :3, :3], T_WI[:3, :3]) - 1.0)
+        return np.asarray(np.maximum(moved_m / APART_M, np.arccos(np.clip(cosine, -1.0, 1.0)) / APART_RAD))
 
     def _look(self, frame: CameraFrame) -> View:
         return look(frame, self._orb, self._camera, self._settings.noise, 0.0)
@@ -189,10 +196,3 @@ class Relocaliser:
         if place is None:
             self._keyframes.clear()
         return place
-
-
-def _apart(T_WA: Float, T_WB: Float) -> float:
-    """Return how far two views are from each other, 1 where one of them need not be kept for the other."""
-    moved_m = np.linalg.norm(T_WA[:3, 3] - T_WB[:3, 3])
-    turned_rad = np.linalg.norm(so3.log(T_WA[:3, :3].T @ T_WB[:3, :3]))
-    return float(max(moved_m / APART_M, turned_rad / APART_RAD))

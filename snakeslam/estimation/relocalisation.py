@@ -3,8 +3,8 @@
 A kept picture (keyframe) costs nothing until it is needed: only then are ORB features sought in it and in the newest
 one, matched, and the pose taken that most of them agree with, as ``estimator.mode=visual`` does [Rublee11].
 
-With T_KN the newest camera's IMU in the keyframe's, p = p_K + R_K p_KN. A turn and a way sideways look much alike, and
-the turn since the keyframe is better known by the gyro: it is taken as a prior of the fit. What the attitude of both is
+With I0 the IMU at the keyframe's time, p_WI = p_WI0 + R_WI0 p_I0I. A turn and a way sideways look much alike, and the
+turn since the keyframe is better known by the gyro: it is taken as a prior of the fit. What the attitude of both is
 wrong by is the same, so that only the position is told.
 """
 
@@ -22,7 +22,7 @@ from snakeslam.estimation.pnp import PoseFit
 from snakeslam.estimation.settings import EstimatorSettings
 from snakeslam.estimation.state import P, State
 from snakeslam.estimation.visual_map import VisualMap
-from snakeslam.estimation.visual_match import NOTHING, Matcher, View, look
+from snakeslam.estimation.visual_match import NOTHING, Match, Matcher, View, look
 from snakeslam.geometry import se3, so3
 from snakeslam.messages import CameraFrame, Float
 
@@ -108,22 +108,20 @@ class Keyframes:
         """Forget them."""
         self._kept.clear()
 
-    def find(self, frame: CameraFrame, T_WI: Float | None) -> Place | None:
-        """Return where the picture was taken, sought in the keyframes about ``T_WI`` or the newest; None if nowhere."""
+    def find(self, frame: CameraFrame, foreseen_WI: Float | None) -> Place | None:
+        """Return where the picture was taken, sought about a foreseen pose, or in the newest; None if nowhere."""
         if frame.depth_m is None or not self._kept:
             return None
         candidates = self._kept[::-1]
-        if T_WI is not None:
-            candidates = [self._kept[k] for k in np.argsort(self._apart(T_WI), kind="stable")]
+        if foreseen_WI is not None:
+            candidates = [self._kept[k] for k in np.argsort(self._apart(foreseen_WI), kind="stable")]
         view = self._look(frame)
         for keyframe in candidates[:MOST_CANDIDATES]:
-            T_KN = None if T_WI is None else se3.inv(keyframe.T_WI) @ T_WI
-            fit = self._match(keyframe, view, T_KN)
+            fit = self._match(keyframe, view, frame.t_ns, foreseen_WI)
             if fit is not None:
-                fit = fit if T_KN is None else _with_turn(fit, T_KN[:3, :3], frame.t_ns - keyframe.frame.t_ns)
-                T_WN = keyframe.T_WI @ fit.T_WC
-                cov_p = keyframe.cov_p + T_WN[:3, :3] @ fit.cov[:3, :3] @ T_WN[:3, :3].T
-                return Place(T_WN, cov_p, keyframe.cov_p)
+                T_WI = keyframe.T_WI @ fit.T_WC
+                cov_p = keyframe.cov_p + T_WI[:3, :3] @ fit.cov[:3, :3] @ T_WI[:3, :3].T
+                return Place(T_WI, cov_p, keyframe.cov_p)
         return None
 
     def _apart(self, T_WI: Float) -> Float:
@@ -136,30 +134,35 @@ class Keyframes:
     def _look(self, frame: CameraFrame) -> View:
         return look(frame, self._orb, self._camera, self._settings.noise, 0.0)
 
-    def _match(self, keyframe: Keyframe, view: View, T_KN: Float | None) -> PoseFit | None:
-        """Return the newest IMU in the keyframe's, sought near ``T_KN``, or by descriptors alone without it."""
+    def _match(self, keyframe: Keyframe, view: View, t_ns: int, foreseen_WI: Float | None) -> PoseFit | None:
+        """Return T_I0I and its covariance, sought near a foreseen pose, or by descriptors alone without one."""
         if keyframe.view is None:
             keyframe.view = self._look(keyframe.frame)
         known = VisualMap(self._settings.visual)
         known.add_keyframe(np.eye(4), np.zeros((6, 6)), keyframe.view, NOTHING.feature, NOTHING.point)
-        T_IC, T_CI, visual = self._T_IC, se3.inv(self._T_IC), self._settings.visual
-        if T_KN is None:
-            match, least = self._matcher.anywhere(view, known), visual.relocalise_inliers
-        else:
-            match, least = self._matcher.near(view, known, T_CI @ T_KN @ T_IC), visual.min_inliers
+        if foreseen_WI is None:
+            return self._agreed(self._matcher.anywhere(view, known), self._settings.visual.relocalise_inliers)
+        T_I0I = se3.inv(keyframe.T_WI) @ foreseen_WI
+        match = self._matcher.near(view, known, se3.inv(self._T_IC) @ T_I0I @ self._T_IC)
+        fit = self._agreed(match, self._settings.visual.min_inliers)
+        return None if fit is None else _with_turn(fit, T_I0I[:3, :3], t_ns - keyframe.frame.t_ns)
+
+    def _agreed(self, match: Match | None, least: int) -> PoseFit | None:
+        """Return the motion of the IMU by a match of which enough agree."""
         if match is None or match.agreeing < max(least, LEAST_SHARE * len(match.fit.inliers)):
             return None
-        Ad = se3.adjoint(T_IC)
-        return PoseFit(T_IC @ match.fit.T_WC @ T_CI, Ad @ match.fit.cov @ Ad.T, match.fit.inliers)
+        Ad = se3.adjoint(self._T_IC)
+        T_I0I = self._T_IC @ match.fit.T_WC @ se3.inv(self._T_IC)
+        return PoseFit(T_I0I, Ad @ match.fit.cov @ Ad.T, match.fit.inliers)
 
 
-def _with_turn(fit: PoseFit, R_KN: Float, since_ns: int) -> PoseFit:
+def _with_turn(fit: PoseFit, R_I0I: Float, since_ns: int) -> PoseFit:
     """Return a fit with the turn since the keyframe as the gyro has it for a prior."""
     sigma_rad = TURN_RAD + TURN_RAD_S * since_ns * 1e-9
     prior = np.zeros((6, 6))
     prior[3:, 3:] = np.eye(3) / sigma_rad**2
     cov = np.linalg.inv(np.linalg.inv(fit.cov) + prior)
-    turn = np.concatenate([np.zeros(3), so3.log(fit.T_WC[:3, :3].T @ R_KN)])
+    turn = np.concatenate([np.zeros(3), so3.log(fit.T_WC[:3, :3].T @ R_I0I)])
     return PoseFit(fit.T_WC @ se3.exp(cov @ prior @ turn), np.asarray(cov, dtype=np.float64), fit.inliers)
 
 

@@ -1,7 +1,9 @@
 """The slow states of the gait's model, learnt while the camera sees: friction's ratio, the velocity's bias, its scale.
 
 The bias is steady or turns with the gait: what the model does not know of how the weight is shared out comes back in
-each of its periods.
+each of its periods. Half a period later a body that winds is its own image in a mirror: what is wrong ahead is then the
+same and turns twice in a period, what is wrong sideways is opposite and turns once. A gait that does not is believed
+only little of it.
 
 They stand outside the filter: the camera knows the way so much better than the gait that what the two tell of each
 other beyond it is nothing.
@@ -31,8 +33,11 @@ MAX_STEP = 10.0
 LEAST_SCALE, MOST_SCALE = 0.1, 20.0
 """In serpentine gaits the model errs by .2 to .4 sigmas along the ground, in rolling and raised ones by 1."""
 MAX_RATIO = 20.0
-SLOW = 7
-BIAS, WAVE = slice(1, 3), slice(3, 7)
+UNLIKE_ITS_IMAGE = 0.2
+"""Prior sigma of what a mirrored half period does not allow, as a part of that of what it does."""
+HARMONICS = 4
+SLOW = 3 + 2 * HARMONICS
+BIAS, WAVE = slice(1, 3), slice(3, SLOW)
 
 
 class SlipModel:
@@ -41,7 +46,7 @@ class SlipModel:
     The scale (3,) is ahead, to the left and out of the ground: a head that knocks is wrong upwards and right ahead.
 
     The bias (2,) m/s is ahead and to the left along the ground: what rolling loses of its speed no ratio explains. The
-    wave (2, 2) m/s is a bias that turns with the gait, its parts along the cosine and the sine of ``GaitWave``.
+    wave (2, 4) m/s is a bias that turns with the gait: along cosine and sine of ``GaitWave``, and of twice its angle.
     """
 
     def __init__(self, settings: GaitSensorSettings) -> None:
@@ -49,10 +54,12 @@ class SlipModel:
         self._slow = np.zeros(SLOW)
         self._slow[0] = np.log(settings.friction_ratio)
         bias, wave = settings.bias_sigma_m_s, settings.wave_sigma_m_s
-        self._prior = np.array([settings.ratio_sigma, bias, bias, wave, wave, wave, wave]) ** 2
+        little = UNLIKE_ITS_IMAGE * wave
+        ahead, left = [little, little, wave, wave], [wave, wave, little, little]
+        self._prior = np.array([settings.ratio_sigma, bias, bias, *ahead, *left]) ** 2
         self._cov = np.diag(self._prior)
         self._wave = GaitWave()
-        self._phasor = np.zeros(2)
+        self._phasors = np.zeros(HARMONICS)
         self.scale: Float = np.full(3, settings.slip_scale)
         self._watched_s = FIRST_SCALE_TIME_S
 
@@ -73,12 +80,13 @@ class SlipModel:
 
     @property
     def wave_m_s(self) -> Float:
-        """What turns with the gait, (2, 2): ahead and to the left by cosine and sine."""
-        return self._slow[WAVE].reshape(2, 2).copy()
+        """What turns with the gait, (2, 4): ahead and to the left by cosine and sine, once and twice in a period."""
+        return self._slow[WAVE].reshape(2, HARMONICS).copy()
 
     def see(self, way: Reckoned) -> None:
         """Take the way of the next frame: where in its period the gait is."""
-        self._phasor, anew = self._wave.see(way.dq_rad_s, _axes(way)[:, 2])
+        once, anew = self._wave.see(way.dq_rad_s, _axes(way)[:, 2])
+        self._phasors = np.concatenate([once, _twice(once)])
         if anew:
             self._slow[WAVE] = 0.0
             self._cov[WAVE, :] = self._cov[:, WAVE] = 0.0
@@ -86,7 +94,7 @@ class SlipModel:
 
     def corrected(self, way: Reckoned) -> Reckoned:
         """Return a way reckoned with the ratio with the bias added."""
-        bias = self._slow[BIAS] + self.wave_m_s @ self._phasor
+        bias = self._slow[BIAS] + self.wave_m_s @ self._phasors
         return replace(way, dp_I=way.dp_I + way.dp_D_bias @ bias, v_I=way.v_I + way.heading_I @ bias)
 
     def cov(self, way: Reckoned) -> Float:
@@ -105,10 +113,10 @@ class SlipModel:
         return max(1.0, 2.0 * self._settings.slip_time_s / way.dt_s)
 
     def _jacobian(self, way: Reckoned) -> Float:
-        """Return how the way changes with (log(ratio), bias, wave), (3, 7)."""
+        """Return how the way changes with (log(ratio), bias, wave), (3, 11)."""
         J = np.zeros((3, SLOW))
         J[:, 0], J[:, BIAS] = way.dp_D_log_ratio, way.dp_D_bias
-        J[:, WAVE] = (way.dp_D_bias[:, :, None] * self._phasor).reshape(3, 4)
+        J[:, WAVE] = (way.dp_D_bias[:, :, None] * self._phasors).reshape(3, 2 * HARMONICS)
         return J
 
     def learn(self, way: Reckoned, moved_I: Float, cov_moved: Float) -> None:
@@ -144,6 +152,12 @@ class SlipModel:
         growth = growth * dt_s
         room = np.maximum(0.0, self._prior - np.diag(self._cov))
         self._cov = self._cov + np.diag(np.minimum(growth, room))
+
+
+def _twice(once: Float) -> Float:
+    """Return cosine and sine of the double angle, as long as those of the single one."""
+    length = max(float(np.hypot(*once)), 1e-9)
+    return np.array([once[0] ** 2 - once[1] ** 2, 2.0 * once[0] * once[1]]) / length
 
 
 def _axes(way: Reckoned) -> Float:

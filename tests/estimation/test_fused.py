@@ -214,6 +214,22 @@ def test_a_bias_that_turns_with_the_gait_is_learnt_and_taken_off(rng: np.random.
     assert np.max(left[0.05][-80:]) < 0.005
 
 
+def test_half_a_period_shows_the_other_half_in_a_mirror(rng: np.random.Generator) -> None:
+    """20 mm/s ahead, twice in a period, and 30 mm/s to the left, once: seen over 2.5 of 4 s, foreseen in the rest."""
+    ahead, slip, left = 0.05 * np.eye(3)[:, :2], SlipModel(GAIT), []
+    for k in range(80):
+        phi = 2.0 * np.pi * 0.05 * k / 4.0
+        wrong = np.array([0.02 * np.cos(2.0 * phi - 1.0), 0.03 * np.cos(phi - 2.0)])
+        raw = reckoned(np.zeros(3), np.zeros(3), 0.03, np.zeros(3), ahead, winding(0.05 * k).dq_rad_s)
+        slip.see(raw)
+        told = slip.corrected(raw)
+        if k < 50:
+            slip.learn(told, ahead @ wrong + rng.normal(0, 0.001 * 0.05, 3), 1e-10 * np.eye(3))
+        else:
+            left.append(np.abs(told.dp_I - ahead @ wrong) / 0.05)
+    assert np.max(left) < 0.01
+
+
 # -- A simulated crawl ------------------------------------------------------------------------------------------------
 
 

@@ -8,19 +8,16 @@ from numpy.typing import NDArray
 
 from snakeslam.estimation.anchors import Anchors
 from snakeslam.estimation.camera import PinholeCamera
+from snakeslam.estimation.depth_sampling import sample_depth
+from snakeslam.estimation.motion_ransac import agreeing_motions
 from snakeslam.estimation.settings import FrontendSettings
 from snakeslam.estimation.tracks import among
 from snakeslam.geometry import so3
-from snakeslam.geometry.compiled import compiled
 from snakeslam.messages import CameraFrame, Float
 
 BORDER_PX = 8
-RANSAC_ROUNDS = 64
-MIN_FOR_RANSAC = 8
-EDGE_PER_M, EDGE_PER_M2 = 0.02, 0.02
 KLT_EPSILON_PX = 0.02
 KLT_STEPS = 20
-FROZEN_LEVEL = 1e-9
 ENOUGH_CORNERS = 4
 FEW_MISSING = 0.05
 MIN_EIGENVALUE = 3e-3
@@ -85,7 +82,7 @@ class Frontend:
         disparity: float | None = None
         if self._gray is not None and len(self._px):
             px0, self._px, self._ids = self._follow(self._gray, frame.gray, T_C1C0)
-            moved, disparity = self._ransac(px0, self._px, T_C1C0[:3, :3])
+            moved, disparity = self._agreeing(px0, T_C1C0[:3, :3])
         self._gray = frame.gray
         rejected = self._px[~moved], self._ids[~moved]
         self._px, self._ids = self._px[moved], self._ids[moved]
@@ -176,36 +173,16 @@ class Frontend:
         out[ahead] = self._camera.project(rays[ahead]).astype(np.float32)
         return np.where(self._inside(out)[:, None], out, self._px)
 
+    def _agreeing(self, px0: NDArray[np.float32], R_C1C0: Float) -> tuple[NDArray[np.bool_], float | None]:
+        """Return which features, before at ``px0``, move as one, and how far without the turn in px."""
+        limit, focal_px = self._settings.ransac_threshold_px, self._camera.focal_px
+        before, now = self._camera.normalise(px0), self._camera.normalise(self._px)
+        good, moved = agreeing_motions(before, now, R_C1C0, limit / focal_px, self._rng)
+        return good, None if moved is None else moved * focal_px
+
     def _inside(self, px: NDArray[np.float32]) -> NDArray[np.bool_]:
         limit = np.array([self._camera.width_px - BORDER_PX, self._camera.height_px - BORDER_PX])
         return np.asarray(np.all((px >= BORDER_PX) & (px < limit), axis=-1))
-
-    def _ransac(
-        self, px0: NDArray[np.float32], px1: NDArray[np.float32], R_C1C0: Float
-    ) -> tuple[NDArray[np.bool_], float | None]:
-        """Return which motions agree with the turn and one direction of travel, and their median rest motion in px.
-
-        With the turn known, two features fix the direction t: t is normal to n_i = (R x0_i) x x1_i [Troiani14]. The
-        error is the distance of x1 to its epipolar line.
-        """
-        n = len(px0)
-        if n < MIN_FOR_RANSAC:
-            return np.ones(n, bool), None
-        turned = np.hstack([self._camera.normalise(px0), np.ones((n, 1))]) @ R_C1C0.T
-        seen = self._camera.normalise(px1)
-        rest = turned[:, :2] / turned[:, 2:] - seen
-        rest_px = np.hypot(rest[:, 0], rest[:, 1]) * self._camera.focal_px
-        normals = _cross_with_picture(turned, seen)
-        first, second = self._rng.integers(0, n, RANSAC_ROUNDS), self._rng.integers(0, n, RANSAC_ROUNDS)
-        t = np.cross(normals[first], normals[second])
-        length = np.linalg.norm(t, axis=-1)
-        t = t[length > FROZEN_LEVEL] / length[length > FROZEN_LEVEL, None]
-        if not len(t):
-            return np.ones(n, bool), float(np.median(rest_px))
-        limit = self._settings.ransac_threshold_px
-        # A feature that moved less than the threshold fits any direction.
-        good = _most_agreeing(t, normals, turned, limit / self._camera.focal_px, rest_px < limit)
-        return good, float(np.median(rest_px[good])) if good.any() else None
 
     def _detect(self, gray: NDArray[np.uint8]) -> None:
         """Fill up to ``max_tracks`` with each empty cell's strongest FAST corner, when more than a few are missing."""
@@ -251,13 +228,6 @@ class Frontend:
         return np.asarray((dx * dx + dy * dy).min(axis=1) >= (0.5 * self._settings.min_distance_px) ** 2)
 
 
-def _cross_with_picture(a: Float, xy: Float) -> Float:
-    """Return a x (x, y, 1) of rows (N, 3) and (N, 2)."""
-    ax, ay, az = a.T
-    x, y = xy.T
-    return np.column_stack([ay - az * y, az * x - ax, ax * y - ay * x])
-
-
 def _free(taken: NDArray[np.bool_], cell: int, shape: tuple[int, ...]) -> NDArray[np.uint8]:
     """Return a mask of the picture, 255 in empty cells away from the border."""
     mask = np.zeros(shape, np.uint8)
@@ -265,54 +235,3 @@ def _free(taken: NDArray[np.bool_], cell: int, shape: tuple[int, ...]) -> NDArra
     free = np.where(taken, 0, 255).astype(np.uint8)
     mask[inner] = free.repeat(cell, axis=0).repeat(cell, axis=1)[: shape[0], : shape[1]][inner]
     return mask
-
-
-@compiled
-def _most_agreeing(t: Float, normals: Float, turned: Float, limit: float, near: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return the features (N,) that agree with that direction of travel of ``t`` (K, 3) with which most do.
-
-    The line of x0 is t x (R x0): x1 lies on it where t . n is zero.
-    """
-    best, most = near.copy(), -1
-    agree = near.copy()
-    for k in range(len(t)):
-        a, b, c = t[k, 0], t[k, 1], t[k, 2]
-        count = 0
-        for i in range(len(normals)):
-            x, y, z = turned[i, 0], turned[i, 1], turned[i, 2]
-            steepness = np.sqrt((b * z - c * y) ** 2 + (c * x - a * z) ** 2)
-            off = abs(a * normals[i, 0] + b * normals[i, 1] + c * normals[i, 2])
-            agree[i] = near[i] or off < limit * max(steepness, 1e-9)
-            count += agree[i]
-        if count > most:
-            most = count
-            best[:] = agree
-    return best
-
-
-def sample_depth(depth_m: NDArray[np.float32] | None, px: NDArray[np.float32]) -> Float:
-    """Return the depth at pixels (N,), 0 where it is unknown or its 3x3 surroundings hold an edge."""
-    if depth_m is None or not len(px):
-        return np.zeros(len(px))
-    return _smooth_depth(depth_m, np.rint(px).astype(np.int64))
-
-
-@compiled
-def _smooth_depth(depth_m: NDArray[np.float32], px: NDArray[np.int64]) -> Float:
-    """Return the median of 3x3 depths about each pixel, 0 where one is unknown or they differ too much."""
-    height, width = depth_m.shape
-    out = np.zeros(len(px))
-    around = np.empty(9)
-    for k in range(len(px)):
-        n = 0
-        for i in range(px[k, 1] - 1, px[k, 1] + 2):
-            for j in range(px[k, 0] - 1, px[k, 0] + 2):
-                around[n] = depth_m[min(max(i, 0), height - 1), min(max(j, 0), width - 1)]
-                n += 1
-        if not np.all(np.isfinite(around)) or around.min() <= 0.0:
-            continue
-        middle = np.median(around)
-        # The allowance grows like the noise of a depth camera does.
-        if around.max() - around.min() <= EDGE_PER_M * middle + EDGE_PER_M2 * middle**2:
-            out[k] = middle
-    return out

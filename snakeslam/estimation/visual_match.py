@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from snakeslam.estimation.camera import PinholeCamera
-from snakeslam.estimation.frontend import sample_depth
+from snakeslam.estimation.depth_sampling import sample_depth
 from snakeslam.estimation.orb import Matches, OrbExtractor, OrbFeatures, best_pairs, hamming
 from snakeslam.estimation.pnp import MIN_Z_M, PoseFit, Sightings, ransac_pose, refine_pose
 from snakeslam.estimation.settings import NoiseSettings

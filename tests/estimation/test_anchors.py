@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from snakeslam.estimation import anchors, frontend
+from snakeslam.estimation import anchors, depth_sampling, motion_ransac
 from snakeslam.estimation.anchors import Anchors
 from snakeslam.estimation.camera import PinholeCamera
 from snakeslam.estimation.frontend import Frontend, FrontendFrame
@@ -15,7 +15,7 @@ from tests.estimation.wall import FOCAL_PX, HEIGHT_PX, RIG, WIDTH_PX, K
 
 CAMERA = PinholeCamera(RIG.cam0)
 FAR_M = 2.0
-COMPILED = (anchors._align, anchors._look, frontend._most_agreeing, frontend._smooth_depth)
+COMPILED = (anchors._align, anchors._look, motion_ransac._most_agreeing, depth_sampling._smooth_depth)
 PX = np.array([[80.0, 60.0], [160.0, 120.0], [230.0, 170.0]], np.float32)
 IDS = np.array([7, 3, 11])
 

@@ -26,6 +26,7 @@ from snakeslam.messages import CameraFrame, Float, GaitCommand, JointState, Pack
 from snakeslam.robot.friction import sliding_velocity
 from snakeslam.robot.model import PRESETS
 from snakeslam.slam import build_estimator
+from tests.estimation import wall
 
 MODEL = PRESETS["sim35"]
 SETTINGS = EstimatorSettings()
@@ -228,6 +229,27 @@ def test_half_a_period_shows_the_other_half_in_a_mirror(rng: np.random.Generator
         else:
             left.append(np.abs(told.dp_I - ahead @ wrong) / 0.05)
     assert np.max(left) < 0.01
+
+
+@pytest.mark.parametrize(("moving", "verdict"), [(True, Verdict.BLIND), (False, Verdict.DEGRADED)])
+def test_joints_that_move_are_no_rest(moving: bool, verdict: Verdict) -> None:
+    """Picture and IMU of a head at rest, then a picture that freezes: only joints at rest hold it in place."""
+    odometry = VisualInertialOdometry(SETTINGS, wall.RIG, 0, gait=GaitAid(MODEL, GAIT))
+    shown: CameraFrame | None = None
+    estimates: list[FrameEstimate | None] = []
+    for packet in wall.Wall(still=True).packets(2.0):
+        told = packet
+        if isinstance(packet, CameraFrame):
+            shown = packet if packet.t_ns < 1_500_000_000 or shown is None else replace(shown, t_ns=packet.t_ns)
+            told = shown
+        elif packet.t_ns % 10_000_000 == 0:
+            now = winding(packet.t_ns / 1e9)
+            odometry.process(now if moving else replace(now, q_rad=MODEL.rest_q_rad, dq_rad_s=NOTHING))
+        estimates.append(odometry.process(told))
+    last = estimates[-1]
+    assert last is not None
+    assert last.health.verdict is verdict, last.health.reasons
+    assert ("dead reckoning on IMU and gait" in last.health.reasons) is moving
 
 
 # -- A simulated crawl ------------------------------------------------------------------------------------------------

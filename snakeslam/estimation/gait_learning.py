@@ -16,6 +16,7 @@ import numpy as np
 from snakeslam.estimation.gait_odometry import Reckoned
 from snakeslam.estimation.gait_settings import GaitSensorSettings
 from snakeslam.estimation.gait_wave import GaitWave
+from snakeslam.geometry import so3
 from snakeslam.messages import Float
 
 CHI2_3_999 = 16.27
@@ -162,4 +163,4 @@ def _twice(once: Float) -> Float:
 
 def _axes(way: Reckoned) -> Float:
     """Return ahead, to the left and out of the ground, (3, 3)."""
-    return np.column_stack([way.heading_I, np.cross(*way.heading_I.T)])
+    return np.column_stack([way.heading_I, so3.cross(*way.heading_I.T)])

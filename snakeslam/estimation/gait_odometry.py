@@ -187,10 +187,10 @@ class GaitOdometer:
 def _heading(normal_I: Float) -> Float:
     """Return ahead and left along the ground, (3, 2): the IMU's x and y, y first where the head looks up or down."""
     flat = abs(float(normal_I[0])) < np.cos(np.pi / 6.0)
-    ahead = np.array([1.0, 0.0, 0.0]) if flat else np.cross([0.0, 1.0, 0.0], normal_I)
+    ahead = np.array([1.0, 0.0, 0.0]) if flat else so3.cross(np.array([0.0, 1.0, 0.0]), normal_I)
     ahead = ahead - normal_I * (normal_I @ ahead)
     ahead = ahead / np.linalg.norm(ahead)
-    return np.stack([ahead, np.cross(normal_I, ahead)], axis=1)
+    return np.stack([ahead, so3.cross(normal_I, ahead)], axis=1)
 
 
 def _time(joints: JointState) -> int:

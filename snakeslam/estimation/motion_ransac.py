@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from snakeslam.geometry import so3
 from snakeslam.geometry.compiled import compiled
 from snakeslam.messages import Float
 
@@ -27,7 +28,7 @@ def agreeing_motions(
     moved = np.hypot(rest[:, 0], rest[:, 1])
     normals = _cross_with_picture(turned, xy1)
     first, second = rng.integers(0, n, ROUNDS), rng.integers(0, n, ROUNDS)
-    t = np.cross(normals[first], normals[second])
+    t = so3.cross(normals[first], normals[second])
     length = np.linalg.norm(t, axis=-1)
     t = t[length > NO_LENGTH] / length[length > NO_LENGTH, None]
     if not len(t):

@@ -5,9 +5,11 @@ import os
 import re
 import signal
 import socket
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, suppress
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import httpx
 import pytest
@@ -29,13 +31,26 @@ def alive(pid: int) -> bool:
         return False
 
 
+@pytest.fixture
+def begin(tmp_path: Path) -> Iterator[Callable[..., Running]]:
+    """Start a server that is gone when the test is over, however it ends."""
+    with ExitStack() as stack:
+
+        def started(**options: Any) -> Running:
+            running = start(tmp_path, **options)
+            stack.callback(running.stop)
+            return running
+
+        yield started
+
+
 def wait_running(running: Running) -> None:
     with running.client() as client:
         wait_for(lambda: is_ready(client), 60.0)
 
 
-def test_it_ends_at_once_with_open_websockets_and_leaves_nobody(tmp_path: Path) -> None:
-    running = start(tmp_path)
+def test_it_ends_at_once_with_open_websockets_and_leaves_nobody(begin: Callable[..., Running]) -> None:
+    running = begin()
     wait_running(running)
     below = children(running.process.pid)
     private = Path(next(iter(socket_paths(running.process.pid))))
@@ -51,8 +66,8 @@ def test_it_ends_at_once_with_open_websockets_and_leaves_nobody(tmp_path: Path) 
     assert not private.parent.exists()
 
 
-def test_it_brings_the_robot_to_a_hold_before_it_ends(tmp_path: Path) -> None:
-    running = start(tmp_path)
+def test_it_brings_the_robot_to_a_hold_before_it_ends(begin: Callable[..., Running]) -> None:
+    running = begin()
     wait_running(running)
     with running.client() as client:
         client.put("/api/v1/gait", json={"name": "serpentine", "period_s": 2.5}).raise_for_status()
@@ -77,9 +92,9 @@ def test_it_brings_the_robot_to_a_hold_before_it_ends(tmp_path: Path) -> None:
     assert change[-1] < 1e-3
 
 
-def test_its_log_is_one_json_object_a_line_with_no_secret_in_it(tmp_path: Path) -> None:
+def test_its_log_is_one_json_object_a_line_with_no_secret_in_it(tmp_path: Path, begin: Callable[..., Running]) -> None:
     with (tmp_path / "log").open("w") as log:
-        running = start(tmp_path, log=log)
+        running = begin(log=log)
         wait_running(running)
         with running.client() as client:
             key = client.post("/api/v1/control/lease", json={"name": "Ann"}).json()["key"]
@@ -96,7 +111,11 @@ def test_its_log_is_one_json_object_a_line_with_no_secret_in_it(tmp_path: Path) 
 
 
 def socket_inodes(pid: int) -> set[str]:
-    links = (str(fd.readlink()) for fd in Path(f"/proc/{pid}/fd").iterdir())
+    links: list[str] = []
+    for fd in Path(f"/proc/{pid}/fd").iterdir():
+        # A file may be closed between being listed and being read.
+        with suppress(FileNotFoundError):
+            links.append(str(fd.readlink()))
     return {link[len("socket:[") : -1] for link in links if link.startswith("socket:[")}
 
 
@@ -119,8 +138,8 @@ def listening_ports(pid: int) -> set[tuple[str, int]]:
     return found
 
 
-def test_a_killed_server_takes_its_session_along(tmp_path: Path) -> None:
-    running = start(tmp_path)
+def test_a_killed_server_takes_its_session_along(begin: Callable[..., Running]) -> None:
+    running = begin()
     wait_running(running)
     below = children(running.process.pid)
     assert listening_ports(running.process.pid) == {("0100007F", int(running.url.rsplit(":", 1)[1]))}
@@ -166,8 +185,8 @@ def test_a_session_that_ends_keeps_its_map(client: httpx.Client) -> None:
     assert client.get("/api/v1/trajectory").json()["estimate"]
 
 
-def test_without_a_token_of_its_own_it_writes_one_for_this_user_only(tmp_path: Path) -> None:
-    running = start(tmp_path, token=None)
+def test_without_a_token_of_its_own_it_writes_one_for_this_user_only(begin: Callable[..., Running]) -> None:
+    running = begin(token=None)
     path = re.search(r"Token for scripts: (\S+)", "".join(running.out))
     assert path is not None
     file = Path(path.group(1))

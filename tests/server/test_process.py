@@ -69,21 +69,26 @@ def test_it_ends_at_once_with_open_websockets_and_leaves_nobody(begin: Callable[
 def test_it_brings_the_robot_to_a_hold_before_it_ends(begin: Callable[..., Running]) -> None:
     running = begin()
     wait_running(running)
-    with running.client() as client:
-        client.put("/api/v1/gait", json={"name": "serpentine", "period_s": 2.5}).raise_for_status()
-        client.post("/api/v1/gait/start").raise_for_status()
     ticks: list[dict] = []
     bearer = {"Authorization": f"Bearer {TOKEN}"}
     url = f"{running.websocket}/api/v1/telemetry"
-    with connect(url, additional_headers=bearer) as stream, suppress(ConnectionClosed):
+    with (
+        running.client() as client,
+        connect(url, additional_headers=bearer) as stream,
+        suppress(ConnectionClosed),
+    ):
+        client.put("/api/v1/gait", json={"name": "serpentine", "period_s": 2.5}).raise_for_status()
         while True:
             text = stream.recv(timeout=30)
             message = json.loads(text) if isinstance(text, str) else {}
             if message.get("type") != "tick":
                 continue
             ticks.append(message)
+            if len(ticks) <= 20 and not message["moving"]:
+                # Not started yet, or held because a busy machine left slam no turn: both are tested elsewhere.
+                ticks.clear()
+                client.post("/api/v1/gait/start")
             if len(ticks) == 20:
-                assert message["moving"]
                 running.process.send_signal(signal.SIGTERM)
     assert running.stop() == 0
     assert not ticks[-1]["moving"]

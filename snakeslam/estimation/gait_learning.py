@@ -16,7 +16,6 @@ import numpy as np
 from snakeslam.estimation.gait_odometry import Reckoned
 from snakeslam.estimation.gait_settings import GaitSensorSettings
 from snakeslam.estimation.gait_wave import GaitWave
-from snakeslam.geometry import so3
 from snakeslam.messages import Float
 
 CHI2_3_999 = 16.27
@@ -86,7 +85,7 @@ class SlipModel:
 
     def see(self, way: Reckoned) -> None:
         """Take the way of the next frame: where in its period the gait is."""
-        once, anew = self._wave.see(way.dq_rad_s, _axes(way)[:, 2])
+        once, anew = self._wave.see(way.dq_rad_s, way.axes_I[:, 2])
         self._phasors = np.concatenate([once, _twice(once)])
         if anew:
             self._slow[WAVE] = 0.0
@@ -96,7 +95,7 @@ class SlipModel:
     def corrected(self, way: Reckoned) -> Reckoned:
         """Return a way reckoned with the ratio with the bias added."""
         bias = self._slow[BIAS] + self.wave_m_s @ self._phasors
-        return replace(way, dp_I=way.dp_I + way.dp_D_bias @ bias, v_I=way.v_I + way.heading_I @ bias)
+        return replace(way, dp_I=way.dp_I + way.dp_D_bias @ bias, v_I=way.v_I + way.axes_I[:, :2] @ bias)
 
     def cov(self, way: Reckoned) -> Float:
         """Return the covariance (3, 3) of a way: slip and steady states that last, and the wave, which turns."""
@@ -106,8 +105,7 @@ class SlipModel:
         return np.asarray(lasting * self._lasts(way) + turning @ self._cov[WAVE, WAVE] @ turning.T, dtype=np.float64)
 
     def _slip(self, way: Reckoned) -> Float:
-        axes_I = _axes(way)
-        stretch = axes_I @ np.diag(self.scale) @ axes_I.T
+        stretch = way.axes_I * self.scale @ way.axes_I.T
         return stretch @ way.cov_v @ stretch * way.dt_s**2
 
     def _lasts(self, way: Reckoned) -> float:
@@ -128,7 +126,7 @@ class SlipModel:
         """
         e = moved_I - way.dp_I
         self._learn_slow(way, e, cov_moved)
-        axes_I = _axes(way)
+        axes_I = way.axes_I
         d2 = (axes_I.T @ e) ** 2 / np.diag(axes_I.T @ (self._slip(way) + cov_moved) @ axes_I)
         self._watched_s = min(self._watched_s + way.dt_s, SCALE_TIME_S)
         gain = min(1.0, way.dt_s / self._watched_s)
@@ -159,8 +157,3 @@ def _twice(once: Float) -> Float:
     """Return cosine and sine of the double angle, as long as those of the single one."""
     length = max(float(np.hypot(*once)), 1e-9)
     return np.array([once[0] ** 2 - once[1] ** 2, 2.0 * once[0] * once[1]]) / length
-
-
-def _axes(way: Reckoned) -> Float:
-    """Return ahead, to the left and out of the ground, (3, 3)."""
-    return np.column_stack([way.heading_I, so3.cross(*way.heading_I.T)])

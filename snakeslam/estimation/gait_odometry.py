@@ -34,14 +34,15 @@ STILL_RAD_S = 0.03
 """Joints that all turn slower (rms) do not move the head."""
 STUCK_RAD = 0.02
 """Angles this far from what their rates add up to are not those of the same joints."""
+X_AXIS, Y_AXIS = np.eye(3)[:2]
 
 
 @dataclass(frozen=True, slots=True)
 class Reckoned:
     """A way ``dp_I`` (3,) m over ``dt_s`` in the frame of its beginning; ``cov_v`` (3, 3) that of the mean velocity.
 
-    ``v_I`` (3,) m/s is the velocity at its end, in the frame there; ``dp_D_log_ratio`` (3,). ``heading_I`` (3, 2): the
-    directions ahead and to the left along the ground, there too; ``dp_D_bias`` (3, 2), by a velocity along them.
+    ``v_I`` (3,) m/s is the velocity at its end, in the frame there; ``dp_D_log_ratio`` (3,). ``axes_I`` (3, 3): ahead
+    and to the left along the ground and out of it, there too; ``dp_D_bias`` (3, 2), by a velocity along the first two.
     ``dq_rad_s`` (N,) are the joints' mean rates.
     """
 
@@ -51,7 +52,7 @@ class Reckoned:
     cov_v: Float
     dp_D_log_ratio: Float
     dp_D_bias: Float
-    heading_I: Float
+    axes_I: Float
     dq_rad_s: Float
 
 
@@ -160,20 +161,20 @@ class GaitOdometer:
         w_I = _mean_rates(turn, np.asarray((cuts - start_ns) * NS, dtype=np.float64))
         R, dt_s = np.eye(3), np.diff(cuts) * NS
         dp_I, by_ratio, by_bias, cov = np.zeros(3), np.zeros(3), np.zeros((3, 2)), np.zeros((3, 3))
-        v_I, heading_I = np.zeros(3), np.zeros((3, 2))
+        v_I, axes_I = np.zeros(3), np.eye(3)
         for (q, dq), w, dt in zip(spans, w_I, dt_s, strict=True):
             half = so3.exp(0.5 * w * dt)
             R_middle = R @ half
             sliding = sliding_velocity(self._model, q, dq, w, (R_WI @ R_middle)[2], ratio, self._guess_I)
             self._guess_I = sliding.v_I
-            v_I, heading_I = self._at_height(sliding, dt), _heading(sliding.ground.normal_I)
+            v_I, axes_I = self._at_height(sliding, dt), _axes(sliding.ground.normal_I)
             dp_I = dp_I + R_middle @ v_I * dt
             by_ratio = by_ratio + R_middle @ sliding.v_D_log_ratio * dt
-            by_bias = by_bias + R_middle @ heading_I * dt
+            by_bias = by_bias + R_middle @ axes_I[:, :2] * dt
             cov = cov + R_middle @ sliding.cov @ R_middle.T * (dt / dt_s.sum())
             R = R_middle @ half
         dq_rad_s = np.mean([dq for _, dq in spans], axis=0)
-        return Reckoned(float(dt_s.sum()), dp_I, v_I, cov, by_ratio, by_bias, heading_I, dq_rad_s)
+        return Reckoned(float(dt_s.sum()), dp_I, v_I, cov, by_ratio, by_bias, axes_I, dq_rad_s)
 
     def _at_height(self, sliding: Sliding, dt_s: float) -> Float:
         """Return the velocity, drawn to the height of the ground under the body."""
@@ -184,13 +185,13 @@ class GaitOdometer:
         return v_I
 
 
-def _heading(normal_I: Float) -> Float:
-    """Return ahead and left along the ground, (3, 2): the IMU's x and y, y first where the head looks up or down."""
+def _axes(normal_I: Float) -> Float:
+    """Return ahead, left and out of the ground, (3, 3): the IMU's x and y along it, y first if it looks up or down."""
     flat = abs(float(normal_I[0])) < np.cos(np.pi / 6.0)
-    ahead = np.array([1.0, 0.0, 0.0]) if flat else so3.cross(np.array([0.0, 1.0, 0.0]), normal_I)
+    ahead = X_AXIS if flat else so3.cross(Y_AXIS, normal_I)
     ahead = ahead - normal_I * (normal_I @ ahead)
-    ahead = ahead / np.linalg.norm(ahead)
-    return np.stack([ahead, so3.cross(normal_I, ahead)], axis=1)
+    ahead = ahead / np.sqrt(ahead @ ahead)
+    return np.stack([ahead, so3.cross(normal_I, ahead), normal_I], axis=1)
 
 
 def _time(joints: JointState) -> int:

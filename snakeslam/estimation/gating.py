@@ -7,12 +7,15 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from snakeslam.geometry.median import median
 from snakeslam.messages import Float
 
 GATE_QUANTILE = 0.99
 MAX_DOF = 200
 CHI2: Float = np.asarray(2.0 * special.gammaincinv(0.5 * np.arange(1, MAX_DOF), GATE_QUANTILE), dtype=np.float64)
 """Quantile of chi-squared by degrees of freedom from 1: 2 P^-1(k/2, q); scipy.stats takes half a second to import."""
+LIMITS = np.concatenate([[-1.0], CHI2])
+"""The same from 0, where nothing is within it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +39,7 @@ class Innovation:
     @property
     def accepted(self) -> NDArray[np.bool_]:
         """Which are within the 99 % quantile of chi^2, (M,); those without a degree of freedom are not."""
-        return np.asarray((self.dof > 0) & (self.distance < CHI2[np.clip(self.dof, 1, MAX_DOF - 1) - 1]))
+        return np.asarray(self.distance < LIMITS[np.minimum(np.maximum(self.dof, 0), MAX_DOF - 1)])
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,4 +55,4 @@ class Agreement:
         """Return it for all measurements of a frame; about 1 is as foreseen, 0 without any."""
         distance = np.concatenate([np.empty(0), *(i.distance / np.maximum(i.dof, 1) for i in innovations)])
         accepted = sum(int(i.accepted.sum()) for i in innovations)
-        return Agreement(len(distance), accepted, float(np.median(distance)) if len(distance) else 0.0)
+        return Agreement(len(distance), accepted, median(distance) if len(distance) else 0.0)

@@ -15,7 +15,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_solve, cholesky, solve_triangular
+from scipy.linalg.blas import dtrmm
 
+from snakeslam.estimation.blocks import add_to_part, part
 from snakeslam.estimation.state import State
 from snakeslam.messages import Float
 
@@ -155,14 +157,14 @@ class _Solved:
     def of(state: State, total: Information, d: Float) -> "_Solved":
         touched = np.diagonal(total.L) > 0.0
         active, rest = np.flatnonzero(touched), np.flatnonzero(~touched)
-        P, L = state.cov[active[:, None], active], total.L[active[:, None], active]
+        P, L = part(state.cov, active, active), part(total.L, active, active)
         # An error that is exactly zero (the pose that defines W) has no factor: 1e-7 m and rad do no harm.
         P[np.diag_indices(len(P))] += JITTER
-        U = cholesky(P, check_finite=False)
+        U = cholesky(P, check_finite=False, overwrite_a=True)
         B = np.empty((state.size, len(active)))
         B[active] = U.T
-        B[rest] = solve_triangular(U, state.cov[active[:, None], rest], trans="T", check_finite=False).T
-        S = (U @ L) @ U.T
+        B[rest] = solve_triangular(U, part(state.cov, active, rest), trans="T", check_finite=False).T
+        S = dtrmm(1.0, U, dtrmm(1.0, U, L.T), side=1, trans_a=1)
         S[np.diag_indices(len(S))] += 1.0
         S_chol = cholesky(S, check_finite=False, overwrite_a=True)
         rhs = U @ (total.gradient[active] + L @ d[active])
@@ -173,7 +175,7 @@ class _Solved:
         """Return the covariance after the update."""
         Y = solve_triangular(self.S_chol, self.B.T, trans="T", check_finite=False)
         # B B^T is P itself but for the rows that nothing touches.
-        new = Y.T @ Y
-        rest = self.rest
-        new[rest[:, None], rest] += cov[rest[:, None], rest] - self.B[rest] @ self.B[rest].T
+        new: Float = Y.T @ Y
+        B_rest = self.B[self.rest]
+        add_to_part(new, self.rest, part(cov, self.rest, self.rest) - B_rest @ B_rest.T)
         return new

@@ -9,13 +9,21 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from snakeslam.estimation.self_calibration import PLACE, Mount
+from snakeslam.estimation.projection import (
+    MIN_Z_M,
+    cameras_from_imu,
+    huber,
+    rows_along,
+    rows_by_turn_and_shift,
+    seen_from,
+    weighed_residuals,
+)
+from snakeslam.estimation.self_calibration import Mount
 from snakeslam.estimation.settings import NoiseSettings
 from snakeslam.estimation.state import State
 from snakeslam.messages import Float
 
 HUBER = 2.5
-MIN_Z_M = 0.02
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,8 +66,8 @@ class Poses:
         """Return R_CW (n, 3, 3) and the cameras' own R_CW p_WC (n, 3); made once, for the same ``rows`` each time."""
         if self._cameras is None:
             R_IC, p_IC = self.camera_place(rows)
-            R_CW = R_IC.T @ np.swapaxes(self.R_WI, -1, -2)
-            self._cameras = R_CW, (R_CW @ self.p_WI[..., None])[..., 0] + p_IC @ R_IC
+            R_IC, p_IC = np.ascontiguousarray(R_IC), np.ascontiguousarray(p_IC)
+            self._cameras = cameras_from_imu(self.R_WI, self.p_WI, R_IC, p_IC)
         return self._cameras
 
     def camera_place(self, rows: CameraRows) -> tuple[Float, Float]:
@@ -111,9 +119,7 @@ class Observations:
 
 def points_in_camera(points_W: Float, poses: Poses, rows: CameraRows) -> Float:
     """Return points (M, 3) in every camera, (M, n, 3)."""
-    R_CW, origin_C = poses.cameras(rows)
-    n = len(R_CW)
-    return (points_W @ R_CW.reshape(3 * n, 3).T).reshape(-1, n, 3) - origin_C
+    return seen_from(np.ascontiguousarray(points_W), *poses.cameras(rows))
 
 
 def predict(p_C: Float) -> Float:
@@ -130,22 +136,12 @@ def residuals(points_W: Float, poses: Poses, observed: Observations, rows: Camer
 
 def residuals_in_camera(p_C: Float, observed: Observations) -> Float:
     """Return the same of points that are in the cameras already, (M, n, 3)."""
-    return (observed.xyz - predict(p_C)) * observed.weight
-
-
-def _rows_of_projection(xy: Float, inverse_z: Float, weight: Float, axes: Float) -> Float:
-    """Return weighted rows of d(x/z, y/z, z) along ``axes`` (..., 3, 3), the camera's axes in some frame."""
-    out = np.empty((*xy.shape[:-1], 3, 3))
-    out[..., :2, :] = axes[..., :2, :] - xy[..., None] * axes[..., 2:, :]
-    out[..., :2, :] *= (inverse_z[..., None] * weight[..., :2])[..., None]
-    out[..., 2, :] = axes[..., 2, :] * weight[..., 2:]
-    return out
+    return weighed_residuals(p_C, observed.xyz, observed.weight)
 
 
 def point_jacobians(p_C: Float, poses: Poses, observed: Observations, rows: CameraRows) -> Float:
     """Return whitened dh/dp_W (M, n, 3, 3) of points in the cameras, (M, n, 3)."""
-    inverse_z = 1.0 / np.maximum(p_C[..., 2], MIN_Z_M)
-    return _rows_of_projection(p_C[..., :2] * inverse_z[..., None], inverse_z, observed.weight, poses.cameras(rows)[0])
+    return rows_along(poses.cameras(rows)[0], p_C, observed.weight)
 
 
 def jacobians(points_W: Float, poses: Poses, observed: Observations, rows: CameraRows) -> tuple[Float, Float]:
@@ -161,31 +157,16 @@ def all_jacobians(
     p_C = R_CI (p_I - p_IC): by theta of R_IC it is [p_C]x, by p_IC it is -R_CI.
     """
     p_C = points_in_camera(points_W, poses, rows)
-    inverse_z = 1.0 / np.maximum(p_C[..., 2], MIN_Z_M)
-    xy = p_C[..., :2] * inverse_z[..., None]
-    r_h_pW = _rows_of_projection(xy, inverse_z, observed.weight, poses.cameras(rows)[0])
+    r_h_pW = point_jacobians(p_C, poses, observed, rows)
     R_IC, p_IC = poses.camera_place(rows)
-    r_h_pI = _rows_of_projection(xy, inverse_z, observed.weight, R_IC.T)
-    Hx = np.empty((*xy.shape[:-1], 3, 6))
-    _rows_times_hat(r_h_pI, p_C @ R_IC.T + p_IC, Hx)
-    np.negative(r_h_pW, out=Hx[..., 3:])
-    frees_place = poses.mount is not None and poses.mount.frees_place
-    Hc = np.empty((*xy.shape[:-1], 3, PLACE if frees_place else 0))
-    if frees_place:
-        _rows_times_hat(r_h_pI @ R_IC, p_C, Hc)
-        np.negative(r_h_pI, out=Hc[..., 3:])
-    return Hx, r_h_pW, Hc
-
-
-def _rows_times_hat(a: Float, p: Float, out: Float) -> None:
-    """Write a^T [p]x = (a x p)^T of rows (..., 3, 3) and points (..., 3) into the first columns of ``out``."""
-    p = p[..., None, :]
-    out[..., 0] = a[..., 1] * p[..., 2] - a[..., 2] * p[..., 1]
-    out[..., 1] = a[..., 2] * p[..., 0] - a[..., 0] * p[..., 2]
-    out[..., 2] = a[..., 0] * p[..., 1] - a[..., 1] * p[..., 0]
+    axes_I = np.ascontiguousarray(np.broadcast_to(R_IC.T, (p_C.shape[1], 3, 3)))
+    r_h_pI = rows_along(axes_I, p_C, observed.weight)
+    Hx = rows_by_turn_and_shift(r_h_pI, p_C @ R_IC.T + p_IC, r_h_pW)
+    if poses.mount is None or not poses.mount.frees_place:
+        return Hx, r_h_pW, np.empty((*p_C.shape, 0))
+    return Hx, r_h_pW, rows_by_turn_and_shift(r_h_pI @ R_IC, p_C, r_h_pI)
 
 
 def robust_scale(r: Float) -> Float:
-    """Return the square root of Huber's weight of each observation, (M, n, 1)."""
-    size = np.sqrt(np.sum(r * r, axis=-1, keepdims=True))
-    return np.sqrt(np.minimum(1.0, HUBER / np.maximum(size, HUBER)))
+    """Return the square root of Huber's weight of each observation, (..., 3) -> (..., 1)."""
+    return huber(np.ascontiguousarray(r).reshape(-1, 3), HUBER).reshape(*r.shape[:-1], 1)

@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 from snakeslam.geometry import so3
 from snakeslam.geometry.compiled import compiled
+from snakeslam.geometry.median import median
 from snakeslam.messages import Float
 
 ROUNDS = 64
@@ -32,10 +33,10 @@ def agreeing_motions(
     length = np.linalg.norm(t, axis=-1)
     t = t[length > NO_LENGTH] / length[length > NO_LENGTH, None]
     if not len(t):
-        return np.ones(n, bool), float(np.median(moved))
+        return np.ones(n, bool), median(moved)
     # A feature that moved less than the limit fits any direction.
     good = _most_agreeing(t, normals, turned, limit, moved < limit)
-    return good, float(np.median(moved[good])) if good.any() else None
+    return good, median(moved[good]) if good.any() else None
 
 
 def _cross_with_picture(a: Float, xy: Float) -> Float:

@@ -160,6 +160,11 @@ def _time(sample: ImuSample) -> int:
     return sample.t_ns
 
 
+def _all_below(vector: Float, limit: float) -> bool:
+    # Comparisons with what is not a number are false.
+    return all(-limit < x < limit for x in vector.tolist())
+
+
 class ImuBuffer:
     """The samples since some time, cut into spans between any two times."""
 
@@ -168,16 +173,17 @@ class ImuBuffer:
         self._samples: list[ImuSample] = []
         self._last_ns: int | None = None
         self._bad = 0
+        self._cut: tuple[int, int, ImuSegments] | None = None
 
     def add(self, sample: ImuSample) -> None:
         """Take the next sample; one that is late or not possible is only counted."""
         late = self._last_ns is not None and sample.t_ns <= self._last_ns
-        size = np.abs(np.concatenate([sample.gyro_I / MAX_RATE_RAD_S, sample.accel_I / MAX_ACCEL_M_S2]))
-        if late or not np.all(size < 1.0):
+        if late or not (_all_below(sample.gyro_I, MAX_RATE_RAD_S) and _all_below(sample.accel_I, MAX_ACCEL_M_S2)):
             self._bad += 1
             return
         self._last_ns = sample.t_ns
         self._samples.append(sample)
+        self._cut = None
 
     def take_bad_count(self) -> int:
         """Return how many samples were refused since the last call."""
@@ -188,11 +194,12 @@ class ImuBuffer:
         """Drop what no span after ``t_ns`` needs."""
         keep = bisect_right(self._samples, t_ns, key=_time)
         del self._samples[: max(0, keep - 1)]
+        self._cut = None
 
     def clear(self) -> None:
         """Forget all, the time of the last sample too."""
         self._samples.clear()
-        self._last_ns = None
+        self._last_ns = self._cut = None
 
     def ahead_s(self, t_ns: int) -> float:
         """Return how long before ``t_ns`` the last sample was, 0 without any."""
@@ -218,6 +225,11 @@ class ImuBuffer:
         """Return the spans between two times; the nearest sample serves where there is none. None if empty."""
         if not self._samples or end_ns <= start_ns:
             return None
+        if self._cut is None or self._cut[:2] != (start_ns, end_ns):
+            self._cut = start_ns, end_ns, self._segments(start_ns, end_ns)
+        return self._cut[2]
+
+    def _segments(self, start_ns: int, end_ns: int) -> ImuSegments:
         first = max(0, bisect_right(self._samples, start_ns, key=_time) - 1)
         near = self._samples[first : bisect_right(self._samples, end_ns, key=_time) + 1]
         t = np.array([s.t_ns for s in near], dtype=np.int64)

@@ -20,13 +20,19 @@ class Sightings:
     observed: Observations
     rows: CameraRows
     _scale: Float = field(default_factory=lambda: np.empty(0))
+    _first: tuple[NDArray[np.int64], Float] | None = None
+    """What ``_rows_of_state`` found: first estimates do not change within a frame."""
 
     def __len__(self) -> int:
         return len(self.index)
 
     def pick(self, chosen: NDArray[np.bool_]) -> "Sightings":
         """Return some of them."""
-        return Sightings(self.index[chosen], self.observed.pick(chosen), self.rows)
+        picked = Sightings(self.index[chosen], self.observed.pick(chosen), self.rows)
+        if self._first is not None:
+            at, H = self._first
+            picked._first = at[chosen], H[chosen]
+        return picked
 
     def _residuals(self, state: State) -> Float:
         newest = Poses.of(state).pick(len(state.clones) - 1)
@@ -34,12 +40,15 @@ class Sightings:
 
     def _rows_of_state(self, state: State) -> tuple[NDArray[np.int64], Float]:
         """Return where the errors stand of pose, camera and landmark (L, k), and the Jacobian along them, (L, 3, k)."""
+        if self._first is not None:
+            return self._first
         newest = len(state.clones) - 1
         first = Poses.first_of(state).pick(newest)
         Hx, Hf, Hc = all_jacobians(state.landmarks.p_fej[self.index], first, self.observed, self.rows)
         pose = np.r_[state.camera_place, state.clone_slice(newest)]
         at = np.hstack([np.broadcast_to(pose, (len(self.index), len(pose))), state.landmark_rows(self.index)])
-        return at, np.concatenate([Hc[:, 0], Hx[:, 0], Hf[:, 0]], axis=-1)
+        self._first = at, np.concatenate([Hc[:, 0], Hx[:, 0], Hf[:, 0]], axis=-1)
+        return self._first
 
     def innovation(self, state: State) -> Innovation:
         """Return how far each is from what the state foresees, S = H P H^T + I."""

@@ -20,6 +20,7 @@ from snakeslam.estimation.sightings import Sightings
 from snakeslam.estimation.state import BIAS_G, THETA, State, V
 from snakeslam.estimation.stillness import AtRest, Rest
 from snakeslam.estimation.tracks import TrackTable, among
+from snakeslam.geometry.median import median
 from snakeslam.messages import Float
 
 MAX_REJECTIONS = 2
@@ -201,7 +202,7 @@ class SlidingWindow:
         if not both.any():
             return 0
         moved = tracks.xyz[both, -2, :2] - tracks.xyz[both, -3, :2]
-        disparity_px = float(np.median(np.hypot(moved[:, 0], moved[:, 1]))) * self._model.focal_px
+        disparity_px = median(np.hypot(moved[:, 0], moved[:, 1])) * self._model.focal_px
         window = self._settings.window
         with_depth = np.count_nonzero(tracks.has_depth) >= ENOUGH_WITH_DEPTH
         least_px = window.keyframe_disparity_depth_px if with_depth else window.keyframe_disparity_px

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from snakeslam.estimation.blocks import part
 from snakeslam.estimation.preintegration import ALPHA, BETA, Preintegrated
 from snakeslam.estimation.preintegration import GAMMA as GAMMA_ROWS
 from snakeslam.estimation.self_calibration import Mount
@@ -193,7 +194,7 @@ class State:
         """
         at = self.window.stop
         order = np.r_[0:at, POSE, at : self.size]
-        self.cov = self.cov[order[:, None], order]
+        self.cov = part(self.cov, order, order)
         if r_pose_t is not None and self.camera_time.stop > CORE:
             clone = slice(at, at + CLONE)
             self.cov[clone] += np.outer(r_pose_t, self.cov[CORE])
@@ -227,7 +228,7 @@ class State:
         self.landmarks.append(ids, p_W)
 
     def _keep_rows(self, kept: NDArray[np.int64]) -> None:
-        self.cov = self.cov[kept[:, None], kept]
+        self.cov = part(self.cov, kept, kept)
 
     # -- Correction ---------------------------------------------------------------------------------------------------
 

@@ -11,6 +11,7 @@ from snakeslam.estimation.gating import Innovation
 from snakeslam.estimation.ieskf import PlainRows
 from snakeslam.estimation.state import THETA, P, State, V
 from snakeslam.geometry import so3
+from snakeslam.geometry.median import median
 from snakeslam.messages import Float, ImuSample
 
 REST_NS = 300_000_000
@@ -56,12 +57,12 @@ class RestDetector:
         since_ns, reference = self._reference
         _, now, then = np.intersect1d(frame.ids, reference.ids, assume_unique=True, return_indices=True)
         moved = np.linalg.norm(frame.xy[now] - reference.xy[then], axis=1)
-        if len(moved) < MIN_COMMON or float(np.median(moved)) > self._rest_rad:
+        if len(moved) < MIN_COMMON or (moved_rad := median(moved)) > self._rest_rad:
             self._reference = (t_ns, frame)
             return None
         if t_ns - since_ns < REST_NS:
             return None
-        return Rest(since_ns, (t_ns - since_ns) / 1e9, float(np.median(moved)))
+        return Rest(since_ns, (t_ns - since_ns) / 1e9, moved_rad)
 
     def _imu_rests(self, samples: Sequence[ImuSample], bias_g: Float) -> bool:
         if len(samples) < 2:

@@ -3,17 +3,22 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from snakeslam.geometry.compiled import compiled
 from snakeslam.messages import Float
 
 
 def among(ids: NDArray[np.int64], others: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Return which of ``ids`` (N,) are in ``others`` (M,), which need no order; np.isin, but fast for few."""
-    if not len(others):
-        return np.zeros(len(ids), bool)
-    ordered = np.sort(others)
+    return _among(np.ascontiguousarray(ids), np.sort(others))
+
+
+@compiled
+def _among(ids: NDArray[np.int64], ordered: NDArray[np.int64]) -> NDArray[np.bool_]:
+    found = np.zeros(len(ids), np.bool_)
     at = np.searchsorted(ordered, ids)
-    at[at == len(ordered)] = 0
-    return np.asarray(ordered[at] == ids)
+    for n in range(len(ids)):
+        found[n] = at[n] < len(ordered) and ordered[at[n]] == ids[n]
+    return found
 
 
 class TrackTable:

@@ -12,6 +12,7 @@ from snakeslam.estimation.measurements import (
     residuals_in_camera,
     robust_scale,
 )
+from snakeslam.geometry.median import median
 from snakeslam.messages import Float
 
 ROUNDS = 4
@@ -98,6 +99,6 @@ def _well_determined(
     in_front = np.all((p_C[..., 2] > MIN_Z_M) | ~observed.seen, axis=1) & np.all(np.isfinite(points), axis=1)
     weakest = np.maximum(np.linalg.eigvalsh(A)[:, 0], TINY)
     distance = np.linalg.norm(points - poses.p_WI[-1], axis=1)
-    usual = np.median(distance[in_front]) if in_front.any() else 0.0
+    usual = median(distance[in_front]) if in_front.any() else 0.0
     sigma = np.maximum(1.0, usual / np.maximum(distance, TINY)) / np.sqrt(weakest)
     return np.asarray(in_front & (sigma < MAX_RELATIVE_SIGMA * np.maximum(distance, NEAR_M)))

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from snakeslam.geometry import so3
 from snakeslam.geometry.compiled import compiled
+from snakeslam.geometry.so3 import cross_of_two
 from snakeslam.messages import Float
 from snakeslam.robot.ground import Ground, level
 from snakeslam.robot.kinematics import link_poses_from_imu
@@ -126,14 +126,14 @@ def sliding_velocity(
     bears = ground.loads_n > 0.0
     link, points, loads = ground.link[bears], ground.contacts_I[bears], ground.loads_n[bears]
     u_I = contact_velocities(model, Ts_IL, dq_rad_s, w_I, link, points)
-    metric = _metric(Ts_IL[link, :3, 0], ground.normal_I, ratio)
+    along_I = _along(Ts_IL, link, ground.normal_I)
+    metric = _metric(along_I, ratio)
     v_I = np.zeros(3) if guess_I is None else guess_I
     v_I = _balanced(u_I, loads, metric, v_I)
     slip = v_I + u_I
     share = loads / loads.sum()
     scatter = (slip * share[:, None]).T @ slip
     cov = scatter * float(share @ share) + FLOOR_M_S**2 * np.eye(3)
-    along_I = _along(Ts_IL[link, :3, 0], ground.normal_I)
     return Sliding(v_I, cov, ground, _by_log_ratio(slip, loads, metric, along_I, ratio))
 
 
@@ -160,35 +160,65 @@ def contact_velocities(
     model: SnakeModel, Ts_IL: Float, dq_rad_s: Float, w_I: Float, link: NDArray[np.int64], points_I: Float
 ) -> Float:
     """Return the velocities of points of links while the IMU turns in place at ``w_I``, (M, 3) m/s in I."""
-    axes_I = np.einsum("nij,nj->ni", Ts_IL[1:, :3, :3], model.axes_L)
-    # From the head backwards: the turn of link k against the head, and the velocity of its frame.
-    spin = -axes_I * dq_rad_s[:, None]
-    w_links = np.concatenate([np.cumsum(spin[::-1], axis=0)[::-1], np.zeros((1, 3))])
-    moment = -so3.cross(spin, Ts_IL[1:, :3, 3])
-    shift = np.concatenate([np.cumsum(moment[::-1], axis=0)[::-1], np.zeros((1, 3))])
-    return shift[link] + so3.cross(w_links[link] + w_I, points_I)
+    return _contact_velocities(model.axes_L, Ts_IL, dq_rad_s, w_I, link, points_I)
 
 
-def _metric(axes_I: Float, normal_I: Float, ratio: float) -> Float:
-    """Return what friction weighs a slip with, (M, 3, 3): 1 along the link on the ground, ``ratio`` across."""
-    t = _along(axes_I, normal_I)
-    return ratio * np.eye(3) - (ratio - 1.0) * t[:, :, None] * t[:, None, :]
+@compiled
+def _contact_velocities(
+    axes_L: Float, Ts_IL: Float, dq_rad_s: Float, w_I: Float, link: NDArray[np.int64], points_I: Float
+) -> Float:
+    """From the head backwards: each link's turn against the head and its frame's velocity; then those of the points."""
+    joints = len(dq_rad_s)
+    turn, shift = np.zeros((joints + 1, 3)), np.zeros((joints + 1, 3))
+    for k in range(joints - 1, -1, -1):
+        T, axis = Ts_IL[k + 1], axes_L[k]
+        spin = np.empty(3)
+        for i in range(3):
+            spin[i] = -(T[i, 0] * axis[0] + T[i, 1] * axis[1] + T[i, 2] * axis[2]) * dq_rad_s[k]
+        turn[k] = turn[k + 1] + spin
+        shift[k] = shift[k + 1] + cross_of_two(T[:3, 3], spin)
+    out = np.empty((len(link), 3))
+    for c in range(len(link)):
+        out[c] = shift[link[c]] + cross_of_two(turn[link[c]] + w_I, points_I[c])
+    return out
 
 
-def _along(axes_I: Float, normal_I: Float) -> Float:
+@compiled
+def _along(Ts_IL: Float, link: NDArray[np.int64], normal_I: Float) -> Float:
     """Return the directions of links on the ground, (M, 3)."""
-    t = axes_I - (axes_I @ normal_I)[:, None] * normal_I
-    return t / np.maximum(np.linalg.norm(t, axis=1), 1e-9)[:, None]
+    out = np.empty((len(link), 3))
+    for c in range(len(link)):
+        axis = Ts_IL[link[c], :3, 0].copy()
+        t = axis - np.sum(axis * normal_I) * normal_I
+        out[c] = t / max(np.sqrt(np.sum(t * t)), 1e-9)
+    return out
 
 
+@compiled
+def _metric(t: Float, ratio: float) -> Float:
+    """Return what friction weighs a slip with, (M, 3, 3): 1 along the link on the ground ``t``, ``ratio`` across."""
+    out = np.empty((len(t), 3, 3))
+    for c in range(len(t)):
+        for i in range(3):
+            for j in range(3):
+                out[c, i, j] = (ratio if i == j else 0.0) - (ratio - 1.0) * t[c, i] * t[c, j]
+    return out
+
+
+@compiled
 def _by_log_ratio(slip: Float, loads: Float, metric: Float, along_I: Float, ratio: float) -> Float:
     """Return dv/d(log ratio) (3,) where the friction F(v, ratio) = sum N M s / n, n = sqrt(s^2 + eps^2), stays zero.
 
     dv = -(dF/dv)^-1 (dF/dratio) ratio, with dF/dv = sum N M (I - s s^T / n^2) / n and dM/dratio = I - t t^T.
     """
-    n = np.sqrt(np.einsum("ci,ci->c", slip, slip) + SLIP_M_S**2)
-    weights = loads / n
-    bent = np.eye(3) - slip[:, :, None] * slip[:, None, :] / (n**2)[:, None, None]
-    F_v = np.einsum("c,cij,cjk->ik", weights, metric, bent)
-    across = slip - along_I * np.einsum("ci,ci->c", along_I, slip)[:, None]
-    return -ratio * np.linalg.solve(F_v, weights @ across)
+    F_v, across = np.zeros((3, 3)), np.zeros(3)
+    for c in range(len(loads)):
+        s, t = slip[c], along_I[c]
+        n2 = np.sum(s * s) + SLIP_M_S**2
+        weight = loads[c] / np.sqrt(n2)
+        across += weight * (s - t * np.sum(t * s))
+        for i in range(3):
+            M_s = metric[c, i, 0] * s[0] + metric[c, i, 1] * s[1] + metric[c, i, 2] * s[2]
+            for k in range(3):
+                F_v[i, k] += weight * (metric[c, i, k] - M_s * s[k] / n2)
+    return -ratio * np.linalg.solve(F_v, across).astype(np.float64)

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from snakeslam.geometry import so3
 from snakeslam.geometry.compiled import compiled
+from snakeslam.geometry.so3 import cross_of_two
 from snakeslam.messages import Float
 from snakeslam.robot.model import SnakeModel
 
@@ -48,34 +48,56 @@ def level(model: SnakeModel, Ts_IL: Float, up_I: Float) -> Ground:
     Minimises 1/2 k sum max(0, pen)^2 - m g (height of the plane at the centre of mass) by Newton's method; a straight
     body, which could roll freely, stays as ``up_I`` says.
     """
-    spheres = Ts_IL[:, None, :3, 3] + np.einsum("nij,sj->nsi", Ts_IL[:, :3, :3], model.sphere_centres_L)
-    centres_I = spheres.reshape(-1, 3)
-    masses = model.link_masses_kg
-    com_I = masses @ (Ts_IL[:, :3, 3] + Ts_IL[:, :3, :3] @ model.com_L) / masses.sum()
-    weight_n = float(masses.sum()) * GRAVITY_M_S2
-    normal = up_I / np.linalg.norm(up_I)
-    loads = np.ones(len(centres_I))
-    for _ in range(PLANES):
-        stiff = weight_n / (_bearing(loads) * SKIN_GIVES_M)
-        loads, normal = _plane(centres_I - com_I, normal, model.radius_m, weight_n, stiff)
+    centres_I, com_I = _spheres(Ts_IL, model.sphere_centres_L, model.link_masses_kg, model.com_L)
+    weight_n = float(model.link_masses_kg.sum()) * GRAVITY_M_S2
+    normal, loads = _levelled(centres_I - com_I, up_I / np.linalg.norm(up_I), model.radius_m, weight_n)
     link = np.repeat(np.arange(model.link_count), model.sphere_centres_L.shape[0])
     return Ground(normal, centres_I - model.radius_m * normal, loads, link)
 
 
-def _bearing(loads: Float) -> float:
-    """Return how many contacts bear, in effect."""
-    return max(FEWEST, float(loads.sum() ** 2 / (loads @ loads)))
+@compiled
+def _spheres(Ts_IL: Float, centres_L: Float, masses_kg: Float, com_L: Float) -> tuple[Float, Float]:
+    """Return the middles of all links' spheres, (M, 3), and the body's centre of mass, (3,)."""
+    of_link = len(centres_L)
+    centres_I, com_I = np.empty((len(Ts_IL) * of_link, 3)), np.zeros(3)
+    for n in range(len(Ts_IL)):
+        for i in range(3):
+            R_i, p_i = Ts_IL[n, i], Ts_IL[n, i, 3]
+            com_I[i] += masses_kg[n] * (p_i + R_i[0] * com_L[0] + R_i[1] * com_L[1] + R_i[2] * com_L[2])
+            for s in range(of_link):
+                c = centres_L[s]
+                centres_I[n * of_link + s, i] = p_i + R_i[0] * c[0] + R_i[1] * c[1] + R_i[2] * c[2]
+    return centres_I, com_I / np.sum(masses_kg)
 
 
-def _plane(points: Float, up: Float, radius_m: float, weight_n: float, stiff: float) -> tuple[Float, Float]:
-    """Return the loads of spheres at ``points`` about the centre of mass, and the plane's normal."""
-    side = so3.cross(up, X_AXIS if abs(up[0]) < 0.9 else Y_AXIS)
-    side /= np.linalg.norm(side)
-    frame = np.stack([side, so3.cross(up, side), up])
-    x, y, z = frame @ points.T
-    plane, pen = _settle(x, y, z - radius_m, weight_n, weight_n * radius_m, stiff)
-    normal = frame.T @ np.array([-plane[1], -plane[2], 1.0])
-    return stiff * np.maximum(pen, 0.0), normal / np.linalg.norm(normal)
+@compiled
+def _levelled(points: Float, up: Float, radius_m: float, weight_n: float) -> tuple[Float, Float]:
+    """Return the plane's normal and the loads of spheres at ``points`` (M, 3) about the centre of mass."""
+    normal, loads = up, np.ones(len(points))
+    for _ in range(PLANES):
+        # How many contacts bear, in effect.
+        bearing = max(FEWEST, np.sum(loads) ** 2 / np.sum(loads * loads))
+        stiff = weight_n / (bearing * SKIN_GIVES_M)
+        side = _across(normal)
+        left = cross_of_two(normal, side)
+        x, y, z = _along(points, side), _along(points, left), _along(points, normal)
+        plane, pen = _settle(x, y, z - radius_m, weight_n, weight_n * radius_m, stiff)
+        loads = stiff * np.maximum(pen, 0.0)
+        normal = normal - plane[1] * side - plane[2] * left
+        normal = normal / np.sqrt(np.sum(normal * normal))
+    return normal, loads
+
+
+@compiled
+def _along(points: Float, axis: Float) -> Float:
+    return points[:, 0] * axis[0] + points[:, 1] * axis[1] + points[:, 2] * axis[2]
+
+
+@compiled
+def _across(up: Float) -> Float:
+    """Return a unit vector at a right angle to ``up``."""
+    side = cross_of_two(up, X_AXIS if abs(up[0]) < 0.9 else Y_AXIS)
+    return side / np.sqrt(np.sum(side * side))
 
 
 @compiled

@@ -60,8 +60,8 @@ def reckoned(
     by_bias: Float = NO_BIAS,
     dq_rad_s: Float = NOTHING,
 ) -> Reckoned:
-    heading_I = by_bias / 0.05 if by_bias.any() else np.eye(3)[:, :2]
-    return Reckoned(0.05, dp_I, v_I, sigma_v**2 * np.eye(3), by_log_ratio, by_bias, heading_I, dq_rad_s)
+    axes_I = np.column_stack([by_bias / 0.05, np.cross(*by_bias.T / 0.05)]) if by_bias.any() else np.eye(3)
+    return Reckoned(0.05, dp_I, v_I, sigma_v**2 * np.eye(3), by_log_ratio, by_bias, axes_I, dq_rad_s)
 
 
 def way(dp_I: Float, v_I: Float, sigma_v: float = 0.1) -> GaitWay:

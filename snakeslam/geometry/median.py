@@ -1,0 +1,15 @@
+"""The median of few numbers, of which a frame takes several."""
+
+from snakeslam.geometry.compiled import compiled
+from snakeslam.messages import Float
+
+
+@compiled
+def median(values: Float) -> float:
+    """Return the median of ``values`` (N,), N >= 1; numpy's own takes twenty times as long on few."""
+    ordered = values.copy()
+    ordered.sort()
+    middle = len(ordered) // 2
+    if len(ordered) % 2:
+        return float(ordered[middle])
+    return float(0.5 * (ordered[middle - 1] + ordered[middle]))

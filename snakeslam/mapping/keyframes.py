@@ -18,7 +18,7 @@ class KeyframeMapper:
         self._settings = settings
         self._camera = PinholeCamera(calibration)
         self._voxels = Voxels(settings.voxel_m)
-        self._Ts_WK: list[Float] = []
+        self._Ts_WK = np.empty((0, 4, 4))
         self._last: tuple[int, Float] | None = None
 
     def update(self, frame: CameraFrame, T_WC: Float) -> tuple[MapChunk, ...]:
@@ -27,7 +27,7 @@ class KeyframeMapper:
         if frame.depth_m is None or blurred or not self._is_new(T_WC):
             return ()
         points_K, rgb = depth_points(frame, self._camera, self._settings)
-        self._Ts_WK.append(T_WC)
+        self._Ts_WK = np.concatenate([self._Ts_WK, T_WC[None]])
         chosen = self._voxels.fill(se3.act(T_WC, points_K), self._settings.max_points)
         if not len(chosen):
             return ()
@@ -42,10 +42,8 @@ class KeyframeMapper:
 
     def _is_new(self, T_WC: Float) -> bool:
         """Whether no keyframe is both near and turned the same way."""
-        if not self._Ts_WK:
-            return True
-        Ts_WK = np.stack(self._Ts_WK)
-        far = np.linalg.norm(Ts_WK[:, :3, 3] - T_WC[:3, 3], axis=-1) > self._settings.keyframe_distance_m
-        cosine = (np.einsum("nij,ij->n", Ts_WK[:, :3, :3], T_WC[:3, :3]) - 1.0) / 2.0
-        turned = np.arccos(np.clip(cosine, -1.0, 1.0)) > np.deg2rad(self._settings.keyframe_angle_deg)
+        to_keyframes = self._Ts_WK[:, :3, 3] - T_WC[:3, 3]
+        far = np.einsum("ni,ni->n", to_keyframes, to_keyframes) > self._settings.keyframe_distance_m**2
+        cosine = (np.einsum("nij,ij->n", self._Ts_WK[:, :3, :3], T_WC[:3, :3]) - 1.0) / 2.0
+        turned = cosine < np.cos(np.deg2rad(self._settings.keyframe_angle_deg))
         return bool(np.all(far | turned))

@@ -49,7 +49,7 @@ class NoiseSettings(Settings):
 class CalibrationSettings(Settings):
     """What the filter may correct of the camera's calibration: one sigma of what is wrong with it, 0 holds it."""
 
-    time_offset_sigma_ms: Annotated[float, Field(ge=0, le=100)] = 0.0
+    time_offset_sigma_ms: Annotated[float, Field(ge=0, le=100)] = 5.0
     rotation_sigma_deg: Annotated[float, Field(ge=0, le=10)] = 0.0
     position_sigma_mm: Annotated[float, Field(ge=0, le=200)] = 0.0
 

@@ -2,10 +2,12 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from snakeslam.estimation.frontend import FrontendFrame
 from snakeslam.estimation.preintegration import ImuBuffer
 from snakeslam.estimation.settings import EstimatorSettings
-from snakeslam.estimation.sliding_window import Model, SlidingWindow
+from snakeslam.estimation.sliding_window import ENOUGH_WITH_DEPTH, Model, SlidingWindow
 from snakeslam.estimation.start_moving import start_moving
 from snakeslam.estimation.start_still import start_still
 from snakeslam.estimation.tracks import TrackTable
@@ -14,6 +16,8 @@ AT_REST, IN_MOTION = "initialised at rest", "initialised in motion"
 STILL_DISPARITY_PX = 1.0
 STILL_WINDOW_NS = 300_000_000
 MOVING_START_NS = 700_000_000
+MOVING_START_DEPTH_NS = 300_000_000
+"""With depth the way need not be long enough to see points from two sides."""
 MOVING_MEMORY_NS = 1_500_000_000
 
 
@@ -48,7 +52,8 @@ class Starter:
         return None if state is None else (SlidingWindow(state, self._settings, self._model), AT_REST)
 
     def _from_motion(self, seen: Seen, imu: ImuBuffer) -> tuple[SlidingWindow, str] | None:
-        if seen.t_ns - self._history[0].t_ns < MOVING_START_NS:
+        with_depth = np.count_nonzero(seen.features.depth_m > 0.0) >= ENOUGH_WITH_DEPTH
+        if seen.t_ns - self._history[0].t_ns < (MOVING_START_DEPTH_NS if with_depth else MOVING_START_NS):
             return None
         times = [past.t_ns for past in self._history]
         model = self._model

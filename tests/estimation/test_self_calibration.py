@@ -142,6 +142,14 @@ def test_a_wrong_time_and_place_are_found() -> None:
     assert np.all(np.abs(np.concatenate([[off_s], off_rad, off_m])) < 4.0 * sigma)
 
 
+@pytest.mark.parametrize("late_ms", [0, 3, 6])
+def test_a_camera_whose_clock_is_off_needs_no_setting(late_ms: int) -> None:
+    head = SwingingHead(seed=2, duration_s=6.0, tracks=80, late_ns=late_ms * 1_000_000)
+    mount, sigma = calibrated(head, RIG, CalibrationSettings())
+    assert len(sigma) == 1
+    assert mount.offset_s == pytest.approx(-late_ms * 1e-3, abs=5e-4)
+
+
 class Resting(SwingingHead):
     """A head that never moves."""
 
@@ -166,4 +174,4 @@ def test_what_has_no_sigma_is_held() -> None:
     mount, sigma = calibrated(head, rig(R_IC @ so3.exp(turn), P_IC), time_alone)
     assert np.array_equal(mount.p_IC, rig(R_IC, P_IC).cam0.T_IC[:3, 3])
     assert len(sigma) == 1
-    assert free_mount(R_IC, P_IC, CalibrationSettings()) is None
+    assert free_mount(R_IC, P_IC, CalibrationSettings(time_offset_sigma_ms=0.0)) is None

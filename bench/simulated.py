@@ -34,6 +34,7 @@ RIG = SensorRig(
         T_cam_imu=tuple(tuple(row) for row in se3.inv(se3.from_rt(R_IC, P_IC)).tolist()),
         intrinsics=(FOCAL_PX, FOCAL_PX, (WIDTH_PX - 1) / 2, (HEIGHT_PX - 1) / 2),
         resolution=(WIDTH_PX, HEIGHT_PX),
+        shutter="global",
     ),
     imu0=ImuCalibration(
         gyroscope_noise_density=2.4e-4,
@@ -132,8 +133,8 @@ class Head(Protocol):
 class SimulatedFrontend:
     """Points on the walls of a room, followed without any picture."""
 
-    def __init__(self, head: Head, noise: NoiseSettings, late_ns: int = 0) -> None:
-        self._head, self._late_ns = head, late_ns
+    def __init__(self, head: Head, noise: NoiseSettings, late_ns: int = 0, readout_s: float = 0.0) -> None:
+        self._head, self._late_ns, self._readout_s = head, late_ns, readout_s
         self._noise = noise
         self._rng = np.random.default_rng([head.seed, 2])
         points = self._rng.uniform(-1, 1, (POINTS, 3)) * ROOM_M
@@ -147,9 +148,10 @@ class SimulatedFrontend:
     def process(self, frame: CameraFrame, T_C1C0: Float) -> FrontendFrame:
         """Return noisy observations of what is in view."""
         del T_C1C0
-        R_WI, p_WI = self._head.pose(np.array([(frame.t_ns - self._late_ns) / 1e9]))
-        p_C = ((self._points_W - p_WI[0]) @ R_WI[0] - P_IC) @ R_IC
-        xy = p_C[:, :2] / np.maximum(p_C[:, 2:], 0.1)
+        t_s = (frame.t_ns - self._late_ns) / 1e9
+        p_C, xy = self._seen_at(np.array([t_s]))
+        if self._readout_s:
+            p_C, xy = self._seen_at(t_s + self._readout_s * np.clip(xy[:, 1] * FOCAL_PX / HEIGHT_PX, -0.5, 0.5))
         half = np.array([WIDTH_PX, HEIGHT_PX]) / 2 / FOCAL_PX
         visible = (p_C[:, 2] > 0.3) & np.all(np.abs(xy) < half, axis=1)
         self._follow(visible)
@@ -159,8 +161,15 @@ class SimulatedFrontend:
         xy = xy[self._followed] + self._rng.normal(0, noise.pixel_px / FOCAL_PX, (n, 2))
         depth = z + self._rng.normal(0, 1, n) * (noise.depth_offset_m + noise.depth_square_per_m * z**2)
         nothing = np.empty((0, 2), np.float32), np.empty(0, np.int64)
-        px = (xy * FOCAL_PX).astype(np.float32)
+        px = (xy * FOCAL_PX + np.array([WIDTH_PX, HEIGHT_PX]) / 2).astype(np.float32)
         return FrontendFrame(px, self._ids, xy, depth if self._head.depth else np.zeros(n), *nothing, 0.5, False, n)
+
+    def _seen_at(self, t_s: Float) -> tuple[Float, Float]:
+        """Return the points in the camera and their (x/z, y/z), each at its own time or all at one."""
+        R_WI, p_WI = self._head.pose(t_s)
+        p_I = np.einsum("nji,nj->ni", np.broadcast_to(R_WI, (POINTS, 3, 3)), self._points_W - p_WI)
+        p_C = (p_I - P_IC) @ R_IC
+        return p_C, p_C[:, :2] / np.maximum(p_C[:, 2:], 0.1)
 
     def drop(self, ids: np.ndarray) -> None:
         """Follow these no longer."""

@@ -33,9 +33,13 @@ class CameraCalibration(Settings):
     """Width, height in px."""
     timeshift_cam_imu: float = 0.0
     """Seconds to add to a camera stamp to get the IMU's time."""
+    timeshift_sigma_s: Annotated[float, Field(ge=0)] | None = None
+    """What may be wrong with that, 0: nothing; the estimator's settings say it where this does not (our addition)."""
     depth_scale: Positive | None = None
     """Units of the depth image per metre (TUM: 5000)."""
     rate_hz: Positive | None = None
+    shutter: Literal["global", "rolling", "unknown"] = "unknown"
+    """Whether all rows are exposed at once (our addition to the form); the estimator finds out what is not said."""
 
     @field_validator("T_cam_imu")
     @classmethod

@@ -53,7 +53,7 @@ class Features:
         """Triangulate tracks from the window and keep what is well determined."""
         if not len(ids):
             return Features(ids, observed, np.empty((0, 3)), rows)
-        points, good = triangulate(Poses.of(state), observed, rows)
+        points, good = triangulate(Poses.of(state), observed.at_middle(state.mount), rows)
         good &= observed.row_counts > POINT_UNKNOWNS
         return Features(ids, observed, points, rows).pick(good)
 

@@ -4,7 +4,7 @@ A point in the camera of a clone is p_C = R_CI (R_WI^T (p_W - p_WI) - p_IC). A r
 depth the third row is masked out.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,17 +95,29 @@ class Poses:
 class Observations:
     """Observations of M points from n poses: ``xyz`` (M, n, 3), 0 depth where unknown, ``seen`` (M, n).
 
-    ``weight`` (M, n, 3) is 1/sigma of each row, 0 where there is none.
+    ``weight`` (M, n, 3) is 1/sigma of each row, 0 where there is none. ``flow`` (M, n, 2) is how a rolling shutter
+    moves (x, y), per second of readout; None where nobody asks.
     """
 
     xyz: Float
     seen: NDArray[np.bool_]
     weight: Float
+    flow: Float | None = None
 
     @staticmethod
-    def weighed(xyz: Float, seen: NDArray[np.bool_], rows: CameraRows, smear: Float | float = 0.0) -> "Observations":
+    def weighed(
+        xyz: Float, seen: NDArray[np.bool_], rows: CameraRows, smear: Float | float = 0.0, flow: Float | None = None
+    ) -> "Observations":
         """Return observations with the weights that ``rows`` gives them; ``smear`` is that of each pose, (n,)."""
-        return Observations(xyz, seen, rows.weights(xyz, smear) * seen[..., None])
+        return Observations(xyz, seen, rows.weights(xyz, smear) * seen[..., None], flow)
+
+    def at_middle(self, mount: Mount | None) -> "Observations":
+        """Return what a camera that exposes all rows at the middle of the picture would have seen."""
+        if self.flow is None or mount is None or not mount.frees_readout:
+            return self
+        xyz = self.xyz.copy()
+        xyz[..., :2] -= self.flow * mount.readout_s
+        return replace(self, xyz=xyz)
 
     @property
     def row_counts(self) -> NDArray[np.int64]:
@@ -114,7 +126,8 @@ class Observations:
 
     def pick(self, chosen: NDArray[np.bool_]) -> "Observations":
         """Return those of some points."""
-        return Observations(self.xyz[chosen], self.seen[chosen], self.weight[chosen])
+        flow = None if self.flow is None else self.flow[chosen]
+        return Observations(self.xyz[chosen], self.seen[chosen], self.weight[chosen], flow)
 
 
 def points_in_camera(points_W: Float, poses: Poses, rows: CameraRows) -> Float:
@@ -131,7 +144,7 @@ def predict(p_C: Float) -> Float:
 
 def residuals(points_W: Float, poses: Poses, observed: Observations, rows: CameraRows) -> Float:
     """Return whitened z - h of every observation, (M, n, 3), 0 where a point is not seen."""
-    return residuals_in_camera(points_in_camera(points_W, poses, rows), observed)
+    return residuals_in_camera(points_in_camera(points_W, poses, rows), observed.at_middle(poses.mount))
 
 
 def residuals_in_camera(p_C: Float, observed: Observations) -> Float:
@@ -152,7 +165,7 @@ def jacobians(points_W: Float, poses: Poses, observed: Observations, rows: Camer
 def all_jacobians(
     points_W: Float, poses: Poses, observed: Observations, rows: CameraRows
 ) -> tuple[Float, Float, Float]:
-    """Return the same and that by the camera's place on the IMU, (M, n, 3, 6), or (M, n, 3, 0) where it is held.
+    """Return the same and that by what is free of the camera's place on the IMU and its readout, (M, n, 3, 0 to 7).
 
     p_C = R_CI (p_I - p_IC): by theta of R_IC it is [p_C]x, by p_IC it is -R_CI.
     """
@@ -162,9 +175,20 @@ def all_jacobians(
     axes_I = np.ascontiguousarray(np.broadcast_to(R_IC.T, (p_C.shape[1], 3, 3)))
     r_h_pI = rows_along(axes_I, p_C, observed.weight)
     Hx = rows_by_turn_and_shift(r_h_pI, p_C @ R_IC.T + p_IC, r_h_pW)
-    if poses.mount is None or not poses.mount.frees_place:
-        return Hx, r_h_pW, np.empty((*p_C.shape, 0))
-    return Hx, r_h_pW, rows_by_turn_and_shift(r_h_pI @ R_IC, p_C, r_h_pI)
+    by_camera = [np.empty((*p_C.shape, 0))]
+    if poses.mount is not None and poses.mount.frees_place:
+        by_camera.append(rows_by_turn_and_shift(r_h_pI @ R_IC, p_C, r_h_pI))
+    if poses.mount is not None and poses.mount.frees_readout:
+        by_camera.append(_by_readout(observed))
+    return Hx, r_h_pW, np.concatenate(by_camera, axis=-1)
+
+
+def _by_readout(observed: Observations) -> Float:
+    """Return whitened dh/dt_r, (M, n, 3, 1): what is seen moves with the rows, (x, y) alone."""
+    out = np.zeros((*observed.xyz.shape, 1))
+    if observed.flow is not None:
+        out[..., :2, 0] = observed.flow * observed.weight[..., :2]
+    return out
 
 
 def robust_scale(r: Float) -> Float:

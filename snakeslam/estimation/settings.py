@@ -52,6 +52,8 @@ class CalibrationSettings(Settings):
     time_offset_sigma_ms: Annotated[float, Field(ge=0, le=100)] = 5.0
     rotation_sigma_deg: Annotated[float, Field(ge=0, le=10)] = 0.0
     position_sigma_mm: Annotated[float, Field(ge=0, le=200)] = 0.0
+    readout_sigma_ms: Annotated[float, Field(ge=0, le=100)] = 15.0
+    """The time from the first row's exposure to the last one's, about 0; held there where the shutter is global."""
 
 
 class HealthSettings(Settings):

@@ -14,7 +14,7 @@ from snakeslam.estimation.ieskf import Measurement, update
 from snakeslam.estimation.measurements import CameraRows, Observations
 from snakeslam.estimation.preintegration import ImuSegments, preintegrate
 from snakeslam.estimation.relocalisation import Place
-from snakeslam.estimation.self_calibration import RATE_SPAN_S, free_mount, motion_by_time
+from snakeslam.estimation.self_calibration import RATE_SPAN_S, free_mount, motion_by_time, motion_of_rows
 from snakeslam.estimation.settings import EstimatorSettings
 from snakeslam.estimation.sightings import Sightings
 from snakeslam.estimation.state import BIAS_G, THETA, State, V
@@ -33,12 +33,13 @@ GAP_RATE_RAD_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class Model:
-    """What the filter knows of sensors and world: camera rows, IMU noise, gravity (3,), focal length in px."""
+    """What the filter knows of sensors and world: camera rows, IMU noise, gravity (3,), focal length in px, camera."""
 
     rows: CameraRows
     noise: ImuCalibration
     gravity_W: Float
     focal_px: float
+    cam0: CameraCalibration
 
     @staticmethod
     def of(settings: EstimatorSettings, cam0: CameraCalibration, imu: ImuCalibration, focal_px: float) -> "Model":
@@ -54,7 +55,8 @@ class Model:
         )
         T_IC = cam0.T_IC
         rows = CameraRows(T_IC[:3, :3], T_IC[:3, 3], settings.noise.pixel_px / focal_px, settings.noise)
-        return Model(rows, noise, np.array([0.0, 0.0, -settings.gravity_m_s2]), focal_px)
+        gravity_W = np.array([0.0, 0.0, -settings.gravity_m_s2])
+        return Model(rows, noise, gravity_W, focal_px, cam0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +82,7 @@ class SlidingWindow:
         self._model = model
         self._tracks = TrackTable()
         self._rate: tuple[Float, float] | None = None
-        freed = free_mount(model.rows.R_IC, model.rows.p_IC, settings.calibration)
+        freed = free_mount(model.cam0, settings.calibration)
         if freed is not None:
             state.free_mount(*freed)
 
@@ -103,8 +105,9 @@ class SlidingWindow:
         state.keep_landmarks(among(state.landmarks.ids, frame.ids))
         self._let_landmarks_wander()
         free = ~among(frame.ids, state.landmarks.ids)
-        tracks.observe(frame.ids[free], frame.xy[free], frame.depth_m[free], frame.smear)
-        sightings, seen = self._sightings(frame)
+        flow = self._flow(frame)
+        tracks.observe(frame.ids[free], frame.xy[free], frame.depth_m[free], frame.smear, flow[free])
+        sightings, seen = self._sightings(frame, flow)
         lost = ~among(tracks.ids, frame.ids)
         leaving = self._leaving_clone()
         ripe = self._ripe(~lost, leaving == 0)
@@ -159,19 +162,29 @@ class SlidingWindow:
         cov_rate = state.cov[BIAS_G, BIAS_G] + np.eye(3) * sigma**2
         return motion_by_time(rate_I - state.bias_g, cov_rate, state.v_W, state.cov[V, V])
 
+    def _flow(self, frame: FrontendFrame) -> Float:
+        """Return how the features of a frame move with a rolling shutter's readout, (N, 2) per second of it."""
+        motion = self._motion_by_time()
+        if motion is None or self.state.mount is None or not self.state.mount.frees_readout:
+            return np.zeros((len(frame.ids), 2))
+        return motion_of_rows(
+            frame.xy, frame.px[:, 1] / self._model.cam0.resolution[1], self.state.mount.R_IC.T @ motion[:3]
+        )
+
     def _let_landmarks_wander(self) -> None:
         """Widen landmarks by what their tracks creep from frame to frame: an error that no averaging takes away."""
         state = self.state
         far_m = np.linalg.norm(state.landmarks.p_W - state.p_WI, axis=1)
         state.widen_landmarks((self._settings.noise.track_drift_px / self._model.focal_px * far_m) ** 2)
 
-    def _sightings(self, frame: FrontendFrame) -> tuple[Sightings, Innovation]:
+    def _sightings(self, frame: FrontendFrame, flow: Float) -> tuple[Sightings, Innovation]:
         """Return the landmarks in view that pass the gate."""
         landmarks = self.state.landmarks
         _, at, index = np.intersect1d(frame.ids, landmarks.ids, assume_unique=True, return_indices=True)
         xyz = np.column_stack([frame.xy[at], frame.depth_m[at]])[:, None]
         rows = self._model.rows
-        sightings = Sightings(index, Observations.weighed(xyz, np.ones((len(at), 1), bool), rows, frame.smear), rows)
+        observed = Observations.weighed(xyz, np.ones((len(at), 1), bool), rows, frame.smear, flow[at][:, None])
+        sightings = Sightings(index, observed, rows)
         if not len(at):
             return sightings, Innovation.none()
         innovation = sightings.innovation(self.state)
@@ -182,7 +195,8 @@ class SlidingWindow:
     def _features(self, chosen: NDArray[np.bool_]) -> tuple[Features, Innovation]:
         """Return the chosen tracks as features that pass the gate."""
         tracks, rows = self._tracks, self._model.rows
-        observed = Observations.weighed(tracks.xyz[chosen], tracks.seen[chosen], rows, tracks.smear)
+        xyz, seen, flow = tracks.xyz[chosen], tracks.seen[chosen], tracks.flow[chosen]
+        observed = Observations.weighed(xyz, seen, rows, tracks.smear, flow)
         features = Features.of(tracks.ids[chosen], observed, self.state, rows)
         if not len(features):
             return features, Innovation.none()

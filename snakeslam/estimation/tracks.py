@@ -25,13 +25,15 @@ class TrackTable:
     """Observations of M tracks from the n clones of the window, as arrays whose columns are the clones.
 
     ``ids`` (M,), ``xyz`` (M, n, 3) normalised (x, y) and depth in m (0 = unknown), ``seen`` (M, n); ``smear`` (n,) is
-    how far each clone's picture is smeared, normalised.
+    how far each clone's picture is smeared, normalised. ``flow`` (M, n, 2) is what a rolling shutter's readout does to
+    (x, y), per second of it.
     """
 
     ids: NDArray[np.int64]
     xyz: Float
     seen: NDArray[np.bool_]
     smear: Float
+    flow: Float
 
     def __init__(self) -> None:
         self.clear()
@@ -46,29 +48,33 @@ class TrackTable:
         """Whether any observation of a track has a depth, (M,)."""
         return np.asarray(np.any(self.xyz[..., 2] > 0.0, axis=1))
 
-    def observe(self, ids: NDArray[np.int64], xy: Float, depth_m: Float, smear: float = 0.0) -> None:
+    def observe(
+        self, ids: NDArray[np.int64], xy: Float, depth_m: Float, smear: float = 0.0, flow: Float | float = 0.0
+    ) -> None:
         """Add the column of the newest clone; ids (k,) that are new become rows."""
         known = among(ids, self.ids)
         new = ids[~known]
         m, n = self.seen.shape
         xyz, seen = np.zeros((m + len(new), n + 1, 3)), np.zeros((m + len(new), n + 1), bool)
-        xyz[:m, :n], seen[:m, :n] = self.xyz, self.seen
+        flows = np.zeros((m + len(new), n + 1, 2))
+        xyz[:m, :n], seen[:m, :n], flows[:m, :n] = self.xyz, self.seen, self.flow
         self.ids = np.concatenate([self.ids, new])
         order = np.argsort(self.ids, kind="stable")
         rows = order[np.searchsorted(self.ids[order], ids)]
         xyz[rows, n, :2], xyz[rows, n, 2], seen[rows, n] = xy, depth_m, True
-        self.xyz, self.seen = xyz, seen
+        flows[rows, n] = flow
+        self.xyz, self.seen, self.flow = xyz, seen, flows
         self.smear = np.append(self.smear, smear)
 
     def forget_column(self, k: int) -> None:
         """Drop the observations of clone ``k``, and the tracks that have no others."""
         self.xyz, self.seen = np.delete(self.xyz, k, axis=1), np.delete(self.seen, k, axis=1)
-        self.smear = np.delete(self.smear, k)
+        self.smear, self.flow = np.delete(self.smear, k), np.delete(self.flow, k, axis=1)
         self.keep(np.asarray(self.seen.any(axis=1)))
 
     def keep(self, kept: NDArray[np.bool_]) -> None:
         """Remove the tracks that are not ``kept`` (M,)."""
-        self.ids, self.xyz, self.seen = self.ids[kept], self.xyz[kept], self.seen[kept]
+        self.ids, self.xyz, self.seen, self.flow = self.ids[kept], self.xyz[kept], self.seen[kept], self.flow[kept]
 
     def clear(self) -> None:
         """Drop everything, columns too."""
@@ -76,3 +82,4 @@ class TrackTable:
         self.xyz = np.empty((0, 0, 3))
         self.seen = np.empty((0, 0), bool)
         self.smear = np.empty(0)
+        self.flow = np.empty((0, 0, 2))

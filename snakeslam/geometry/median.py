@@ -1,11 +1,11 @@
 """The median of few numbers, of which a frame takes several."""
 
 from snakeslam.geometry.compiled import compiled
-from snakeslam.messages import Float
+from snakeslam.geometry.so3 import Array
 
 
 @compiled
-def median(values: Float) -> float:
+def median(values: Array) -> float:
     """Return the median of ``values`` (N,), N >= 1; numpy's own takes twenty times as long on few."""
     ordered = values.copy()
     ordered.sort()

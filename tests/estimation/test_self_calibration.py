@@ -16,7 +16,7 @@ from snakeslam.estimation.measurements import (
     predict,
     residuals,
 )
-from snakeslam.estimation.self_calibration import Mount, free_mount
+from snakeslam.estimation.self_calibration import Mount, free_mount, motion_of_rows
 from snakeslam.estimation.settings import CalibrationSettings, NoiseSettings
 from snakeslam.estimation.sightings import Sightings
 from snakeslam.estimation.state import CORE, State
@@ -35,9 +35,11 @@ def rig(R_IC: Float, p_IC: Float) -> SensorRig:
     return RIG.model_copy(update={"cam0": RIG.cam0.model_copy(update={"T_cam_imu": tuple(map(tuple, T_CI.tolist()))})})
 
 
-def calibrated(head: SwingingHead, believed: SensorRig, settings: CalibrationSettings = WIDE) -> tuple[Mount, Float]:
+def calibrated(
+    head: SwingingHead, believed: SensorRig, settings: CalibrationSettings = WIDE, readout_s: float = 0.0
+) -> tuple[Mount, Float]:
     """Return the mount that the filter finds and one sigma of its error."""
-    frontend = SimulatedFrontend(head, SETTINGS.noise, head.late_ns)
+    frontend = SimulatedFrontend(head, SETTINGS.noise, head.late_ns, readout_s)
     vio = VisualInertialOdometry(SETTINGS.model_copy(update={"calibration": settings}), believed, head.seed, frontend)
     for packet in head.packets():
         vio.process(packet)
@@ -49,7 +51,7 @@ def calibrated(head: SwingingHead, believed: SensorRig, settings: CalibrationSet
 def window() -> State:
     """Three poses of a camera whose mount is free, and landmarks."""
     state = State(0, np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.eye(CORE) * 1e-4)
-    freed = free_mount(R_IC, P_IC, WIDE)
+    freed = free_mount(RIG.cam0, WIDE)
     assert freed is not None
     state.free_mount(*freed)
     for k in range(3):
@@ -150,6 +152,38 @@ def test_a_camera_whose_clock_is_off_needs_no_setting(late_ms: int) -> None:
     assert mount.offset_s == pytest.approx(-late_ms * 1e-3, abs=5e-4)
 
 
+def with_shutter(shutter: str) -> SensorRig:
+    return RIG.model_copy(update={"cam0": RIG.cam0.model_copy(update={"shutter": shutter})})
+
+
+@pytest.mark.parametrize("readout_ms", [0, 25, -25])
+def test_the_readout_of_a_rolling_shutter_is_found(readout_ms: int) -> None:
+    head = SwingingHead(seed=3, duration_s=8.0, tracks=80)
+    mount, sigma = calibrated(head, with_shutter("unknown"), CalibrationSettings(), readout_ms * 1e-3)
+    assert len(sigma) == 2
+    assert mount.readout_s == pytest.approx(readout_ms * 1e-3, abs=1.5e-3)
+    assert sigma[1] < 1e-3
+
+
+def test_rows_move_by_the_readout_as_the_camera_turns(rng: np.random.Generator) -> None:
+    """d(x, y)/dt_r against a turn of the camera by w (v / H - 1/2) for a short time."""
+    xy, height, w_C, short_s = rng.normal(size=(5, 2)), rng.uniform(size=5), np.array([0.4, -0.7, 1.1]), 1e-6
+    turned = np.column_stack([xy, np.ones(5)])
+    for n in range(5):
+        turned[n] = so3.exp(w_C * (height[n] - 0.5) * short_s).T @ turned[n]
+    moved = (turned[:, :2] / turned[:, 2:] - xy) / short_s
+    assert motion_of_rows(xy, height, w_C) == pytest.approx(moved, abs=1e-4)
+
+
+def test_what_the_calibration_knows_goes_before_the_settings() -> None:
+    known = RIG.cam0.model_copy(update={"timeshift_sigma_s": 0.0})
+    assert free_mount(known, CalibrationSettings()) is None
+    loose = RIG.cam0.model_copy(update={"timeshift_sigma_s": 0.02, "shutter": "rolling"})
+    freed = free_mount(loose, CalibrationSettings())
+    assert freed is not None
+    assert freed[1] == pytest.approx([0.02**2, 0.015**2])
+
+
 class Resting(SwingingHead):
     """A head that never moves."""
 
@@ -174,4 +208,4 @@ def test_what_has_no_sigma_is_held() -> None:
     mount, sigma = calibrated(head, rig(R_IC @ so3.exp(turn), P_IC), time_alone)
     assert np.array_equal(mount.p_IC, rig(R_IC, P_IC).cam0.T_IC[:3, 3])
     assert len(sigma) == 1
-    assert free_mount(R_IC, P_IC, CalibrationSettings(time_offset_sigma_ms=0.0)) is None
+    assert free_mount(RIG.cam0, CalibrationSettings(time_offset_sigma_ms=0.0)) is None

@@ -29,6 +29,8 @@ def camera_calibration(settings: CameraSettings, model: SnakeModel) -> CameraCal
             "resolution": (WIDTH_PX, HEIGHT_PX),
             "depth_scale": DEPTH_SCALE,
             "rate_hz": float(settings.rate_hz),
+            "timeshift_sigma_s": 0.0,
+            "shutter": "global",
         }
     )
 

@@ -3,9 +3,10 @@
 from collections import deque
 
 from snakeslam.estimation.gait_learning import SlipModel
-from snakeslam.estimation.gait_odometry import NS, GaitOdometer, JointHistory
+from snakeslam.estimation.gait_odometry import NS, GaitOdometer
 from snakeslam.estimation.gait_rows import Carried, GaitWay
 from snakeslam.estimation.gait_settings import GaitSensorSettings
+from snakeslam.estimation.joint_history import JointHistory
 from snakeslam.estimation.preintegration import ImuBuffer, ImuSegments
 from snakeslam.estimation.state import State
 from snakeslam.messages import JointState

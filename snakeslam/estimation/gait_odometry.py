@@ -7,33 +7,25 @@ The model's error lasts, so that it does not average out from frame to frame: an
 taken for white noise of the same strength, var = sigma^2 2 tau dt.
 """
 
-from bisect import bisect_left, bisect_right
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from snakeslam.estimation.gait_settings import GaitSensorSettings
+from snakeslam.estimation.joint_history import JointHistory
 from snakeslam.estimation.preintegration import ImuSegments
 from snakeslam.geometry import so3
-from snakeslam.messages import Float, JointState
+from snakeslam.messages import Float
 from snakeslam.robot.friction import Sliding, sliding_velocity
 from snakeslam.robot.model import SnakeModel
 
 NS = 1e-9
-JOINTS_LAST_NS = 100_000_000
-"""Joint states this far apart, or this old, tell nothing of what is between or after."""
-KEPT_NS = 5_000_000_000
-CLOCK_SET_BACK_STATES = 10
-"""So many states in a row that are late are those of a clock that has been set back."""
 MAX_STEPS = 12
 HEIGHT_TIME_S = 1.0
 """For shorter the contacts' velocity tells the rise better than the height, in which a head that knocks is not seen."""
-MAX_RATE_RAD_S = 50.0
 STILL_RAD_S = 0.03
 """Joints that all turn slower (rms) do not move the head."""
-STUCK_RAD = 0.02
-"""Angles this far from what their rates add up to are not those of the same joints."""
 X_AXIS, Y_AXIS = np.eye(3)[:2]
 
 
@@ -54,85 +46,6 @@ class Reckoned:
     dp_D_bias: Float
     axes_I: Float
     dq_rad_s: Float
-
-
-class JointHistory:
-    """The last joint states of one robot; what is no use is only counted."""
-
-    def __init__(self, count: int) -> None:
-        self._count = count
-        self._states: list[JointState] = []
-        self._bad = 0
-        self._late = 0
-
-    def add(self, joints: JointState) -> None:
-        """Take the next state; one that is late, not finite, not possible or of another robot is counted."""
-        right = joints.q_rad.shape == joints.dq_rad_s.shape == (self._count,)
-        late = bool(self._states) and joints.t_ns <= self._states[-1].t_ns
-        self._late = self._late + 1 if late else 0
-        if self._late >= CLOCK_SET_BACK_STATES:
-            self._states.clear()
-            late = False
-        if late or not right or not self._possible(joints):
-            self._bad += 1
-            return
-        self._states.append(joints)
-        self.forget_before(joints.t_ns - KEPT_NS)
-
-    @staticmethod
-    def _possible(joints: JointState) -> bool:
-        # Comparisons with what is not a number are false.
-        return bool(np.all(np.abs(joints.q_rad) < np.pi) and np.all(np.abs(joints.dq_rad_s) < MAX_RATE_RAD_S))
-
-    def take_bad_count(self) -> int:
-        """Return how many were refused since the last call."""
-        bad, self._bad = self._bad, 0
-        return bad
-
-    def clear(self) -> None:
-        """Forget all."""
-        self._states.clear()
-
-    def forget_before(self, t_ns: int) -> None:
-        """Drop what no time after ``t_ns`` needs."""
-        del self._states[: max(0, bisect_right(self._states, t_ns, key=_time) - 1)]
-
-    def covers(self, start_ns: int, end_ns: int) -> bool:
-        """Whether there are states all along, none of them further from the next than ``JOINTS_LAST_NS``."""
-        first = max(0, bisect_right(self._states, start_ns, key=_time) - 1)
-        times = [s.t_ns for s in self._states[first:] if s.t_ns <= end_ns]
-        if not times or times[0] > start_ns + JOINTS_LAST_NS:
-            return False
-        gaps = np.diff([*times, end_ns])
-        return bool(np.all(gaps <= JOINTS_LAST_NS))
-
-    def _between(self, start_ns: int, end_ns: int) -> list[JointState]:
-        first = bisect_left(self._states, start_ns, key=_time)
-        return self._states[first : bisect_right(self._states, end_ns, key=_time)]
-
-    def age_ns(self, t_ns: int) -> int:
-        """Return how long before ``t_ns`` the last state was; without any as if since time 0."""
-        return t_ns - (self._states[-1].t_ns if self._states else 0)
-
-    def mean(self, start_ns: int, end_ns: int) -> tuple[Float, Float]:
-        """Return the angles in the middle of a span and the mean rates over it, (N,) each, carried on by the rates."""
-        near = self._between(start_ns, end_ns)
-        if not near:
-            near = [self._states[max(0, bisect_right(self._states, start_ns, key=_time) - 1)]]
-        dq_rad_s = np.mean([s.dq_rad_s for s in near], axis=0)
-        mean_ns = sum(s.t_ns - start_ns for s in near) / len(near)
-        ahead_s = ((end_ns - start_ns) / 2.0 - mean_ns) * NS
-        return np.mean([s.q_rad for s in near], axis=0) + dq_rad_s * ahead_s, dq_rad_s
-
-    def stuck(self, start_ns: int, end_ns: int) -> bool:
-        """Whether the angles do not follow their own rates."""
-        near = self._between(start_ns - JOINTS_LAST_NS, end_ns)
-        if len(near) < 2:
-            return False
-        dt_s = np.diff([s.t_ns for s in near])[:, None] * NS
-        rates = np.array([s.dq_rad_s for s in near])
-        foreseen = np.sum(0.5 * (rates[1:] + rates[:-1]) * dt_s, axis=0)
-        return bool(np.max(np.abs(near[-1].q_rad - near[0].q_rad - foreseen)) > STUCK_RAD)
 
 
 class GaitOdometer:
@@ -192,10 +105,6 @@ def _axes(normal_I: Float) -> Float:
     ahead = ahead - normal_I * (normal_I @ ahead)
     ahead = ahead / np.sqrt(ahead @ ahead)
     return np.stack([ahead, so3.cross(normal_I, ahead), normal_I], axis=1)
-
-
-def _time(joints: JointState) -> int:
-    return joints.t_ns
 
 
 def _mean_rates(turn: ImuSegments, cuts_s: Float) -> Float:

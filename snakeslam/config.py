@@ -1,13 +1,13 @@
 """One validated tree of settings; each room's part is defined beside its consumer and composed here."""
 
 import difflib
+import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-import yaml
-from pydantic import Field, ValidationError
+from pydantic import BaseModel, Field, ValidationError
 from pydantic_core import ErrorDetails
 
 from snakeslam.backends.sim.settings import SimSettings
@@ -19,6 +19,10 @@ from snakeslam.mapping.settings import MappingSettings
 from snakeslam.recording.settings import ReplaySettings
 from snakeslam.robot.model import RobotSettings
 from snakeslam.settings import Settings
+from snakeslam.yaml_reader import parse_yaml, read_yaml
+
+FLAGS = {"yes": True, "on": True, "no": False, "off": False}
+"""Words that many write for true and false; they are text where text is wanted."""
 
 
 class RecordingSettings(Settings):
@@ -91,12 +95,17 @@ def parse_override(text: str) -> Override:
     """Return the override of ``KEY=VALUE``, the value read as YAML; InputError when it has another form."""
     key, equals, value = text.partition("=")
     key = key.strip()
-    if not equals or not key or not all(key.split(".")):
-        raise InputError(f"--set {text}", "is not understood", "KEY=VALUE, such as gait.period_s=4")
+    if not equals or not all(key.split(".")) or not key.isprintable():
+        raise InputError(
+            f"--set {text}" if text.isprintable() else f"--set {text[:60]!r}",
+            "is not understood",
+            "KEY=VALUE, such as gait.period_s=4",
+        )
     try:
-        return Override(key, yaml.safe_load(value), f"--set {key}")
-    except yaml.YAMLError as error:
-        raise InputError(f"--set {key}", f"the value {value!r} is no YAML") from error
+        return Override(key, parse_yaml(value, "value"), f"--set {key}")
+    except InputError as error:
+        shown = repr(value) if len(value) <= 60 else repr(value[:57]) + "..."
+        raise InputError(f"--set {key}", f"the value {shown} is no YAML: {error.problem}", error.allowed) from error
 
 
 def load_config(path: Path | None = None, overrides: Sequence[str | Override] = ()) -> Config:
@@ -109,7 +118,7 @@ def load_config(path: Path | None = None, overrides: Sequence[str | Override] = 
 
 def override_config(config: Config, overrides: Sequence[str | Override]) -> Config:
     """Return ``config`` with ``overrides`` on top; errors as in ``load_config``."""
-    return _build(config.model_dump(), overrides, None)
+    return _build(config.model_dump(mode="json"), overrides, None)
 
 
 def _build(tree: dict[str, Any], overrides: Sequence[str | Override], path: Path | None) -> Config:
@@ -117,6 +126,7 @@ def _build(tree: dict[str, Any], overrides: Sequence[str | Override], path: Path
     labels: dict[str, str] = {}
     for override in overrides:
         parsed = parse_override(override) if isinstance(override, str) else override
+        _refuse_second(parsed, labels)
         _set(tree, parsed)
         labels[parsed.key] = parsed.label
 
@@ -125,45 +135,52 @@ def _build(tree: dict[str, Any], overrides: Sequence[str | Override], path: Path
         return label if label is not None else f"{path}: {key}" if path is not None else key
 
     try:
-        config = Config.model_validate(tree)
+        return _validated(tree)
     except ValidationError as error:
         raise input_error(error.errors()[0], where) from error
-    return config
 
 
-class _UniqueKeyLoader(yaml.SafeLoader):
-    """YAML in which a key that is given twice is an error instead of a silent choice."""
+def _validated(tree: dict[str, Any]) -> Config:
+    """Return the settings of ``tree``; a value of another type than the setting's is refused, never converted."""
+    _read_flags(tree, Config)
+    # In JSON a list is a tuple's form and a mapping a group's; in Python strict validation would refuse both.
+    return Config.model_validate_json(json.dumps(tree), strict=True)
 
-    def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
-        seen: set[str] = set()
-        for key_node, _ in node.value:
-            key = str(key_node.value)
-            if key in seen:
-                raise yaml.MarkedYAMLError(problem=f"the key {key!r} is given twice", problem_mark=key_node.start_mark)
-            seen.add(key)
-        return super().construct_mapping(node, deep)
+
+def _read_flags(tree: dict[str, Any], group: type[BaseModel]) -> None:
+    """Turn yes, no, on and off into true and false where the setting is one of these, and nowhere else."""
+    for name, info in group.model_fields.items():
+        value, kind = tree.get(name), info.annotation
+        if kind is bool and isinstance(value, str):
+            tree[name] = FLAGS.get(value.lower(), value)
+        elif isinstance(value, dict) and isinstance(kind, type) and issubclass(kind, BaseModel):
+            _read_flags(value, kind)
+
+
+def _refuse_second(override: Override, labels: dict[str, str]) -> None:
+    """Refuse a setting that is given twice in the same way, or as a whole and in part: the last would win silently.
+
+    Options of their own such as --seed come after --set and win over it.
+    """
+    key = override.key
+    for known, label in labels.items():
+        overlaps = f"{known}.".startswith(f"{key}.") or key.startswith(f"{known}.")
+        if overlaps and label.removesuffix(known) == override.label.removesuffix(key):
+            problem = "is given twice" if known == key else f"overlaps {label}"
+            raise InputError(override.label, problem, "each setting once")
 
 
 def read_tree(path: Path) -> dict[str, Any]:
     """Read a YAML file of groups; a group with nothing in it counts as left out."""
     try:
-        tree: Any = yaml.load(path.read_text(encoding="utf-8"), Loader=_UniqueKeyLoader)
+        tree = read_yaml(path)
     except FileNotFoundError as error:
         raise InputError(str(path), "no such configuration file") from error
-    except UnicodeDecodeError as error:
-        raise InputError(str(path), "is not a text file") from error
-    except OSError as error:
-        raise InputError(str(path), f"cannot be read: {error.strerror}") from error
-    except yaml.MarkedYAMLError as error:
-        line = f": line {error.problem_mark.line + 1}" if error.problem_mark else ""
-        raise InputError(f"{path}{line}", error.problem or "is no YAML") from error
-    except yaml.YAMLError as error:
-        raise InputError(str(path), f"is no YAML: {' '.join(str(error).split())}") from error
     if tree is None:
         return {}
     if not isinstance(tree, dict):
         raise InputError(str(path), "has no keys", "groups such as gait: and sim:")
-    return {str(key): value for key, value in tree.items() if value is not None}
+    return {key: value for key, value in tree.items() if value is not None}
 
 
 def _set(tree: dict[str, Any], override: Override) -> None:
@@ -174,6 +191,8 @@ def _set(tree: dict[str, Any], override: Override) -> None:
         if not isinstance(inner, dict):
             raise InputError(override.label, f"{name} is a value, not a group")
         tree = inner
+    if isinstance(override.value, str) and not override.value.isprintable():
+        raise InputError(override.label, f"{override.value[:40]!r} is not possible", "text that can be printed")
     tree[last] = override.value
 
 

@@ -86,6 +86,23 @@ def test_the_settings_of_the_contract_can_be_set(key: str, value: object) -> Non
         ("just words", r"some\.yaml: has no keys"),
         ("- 1\n- 2", r"some\.yaml: has no keys"),
         ("\tgait:\n", r"some\.yaml: line 1: "),
+        ("run: {seed: 010}", r"run\.seed: '010' is not possible \(allowed: a whole number\)"),
+        ("run: {seed: true}", r"run\.seed: True is not possible \(allowed: a whole number\)"),
+        ("run: {seed: 2.0}", r"run\.seed: 2\.0 is not possible \(allowed: a whole number\)"),
+        ("run: {seed: '3'}", r"run\.seed: '3' is not possible \(allowed: a whole number\)"),
+        ("run: {duration_s: yes}", r"run\.duration_s: 'yes' is not possible \(allowed: a number\)"),
+        ("run: {duration_s: true}", r"run\.duration_s: True is not possible \(allowed: a number\)"),
+        ("run: {duration_s: 1:30}", r"run\.duration_s: '1:30' is not possible \(allowed: a number\)"),
+        ("run: {duration_s: 1_0}", r"run\.duration_s: '1_0' is not possible \(allowed: a number\)"),
+        ("run: {duration_s: 2024-01-01}", r"run\.duration_s: '2024-01-01' is not possible \(allowed: a number\)"),
+        ("run: {duration_s: 1e999}", r"run\.duration_s: inf is not possible"),
+        ("recording: {enabled: 1}", r"recording\.enabled: 1 is not possible \(allowed: true or false\)"),
+        ("gait: {name: 3}", r"gait\.name: 3 is not possible \(allowed: serpentine"),
+        ("replay: {calibration: 3}", r"replay\.calibration: 3 is not possible \(allowed: text\)"),
+        ("a: [" + "[" * 500, r"some\.yaml: line 1: is nested too deeply"),
+        ("a: *b", r"some\.yaml: line 1: \*b stands for nothing"),
+        ("run: !!python/name:os.system", r"line 1: the tag !!python/name:os\.system is not allowed"),
+        ("run: {seed: 1}\n---\nrun: {seed: 2}", r"some\.yaml: line 2: a second document"),
     ],
 )
 def test_a_mistake_in_a_file_is_one_line_with_file_key_value_and_what_is_allowed(
@@ -109,6 +126,9 @@ def test_a_mistake_in_a_file_is_one_line_with_file_key_value_and_what_is_allowed
         ("=3", r"^--set =3: is not understood"),
         ("gait..name=pedal", r"^--set gait\.\.name=pedal: is not understood"),
         ("gait.name=[", r"^--set gait\.name: the value '\[' is no YAML"),
+        ("gait.name=\udc80", r"^--set gait\.name: the value '\\udc80' is no YAML"),
+        ("gait.name=" + "[" * 5000, r"^--set gait\.name: .* nested too deeply"),
+        ("\udc80=1", r"^--set '\\udc80=1': is not understood"),
     ],
 )
 def test_a_mistake_in_an_override_names_it(override: str, expected: str) -> None:
@@ -122,6 +142,29 @@ def test_overrides_win_over_the_file_and_the_last_one_over_the_others(tmp_path: 
     assert (config.run.seed, config.run.duration_s) == (8, 7.0)
 
 
+@pytest.mark.parametrize(
+    ("first", "second", "expected"),
+    [
+        ("run.seed=1", "run.seed=2", r"^--set run\.seed: is given twice"),
+        ("run.seed=1", "run.seed=1", r"^--set run\.seed: is given twice"),
+        ("gait.name=pedal", "gait={period_s: 4}", r"^--set gait: overlaps --set gait\.name"),
+        ("gait={period_s: 4}", "gait.period_s=5", r"^--set gait\.period_s: overlaps --set gait"),
+    ],
+)
+def test_a_setting_given_twice_is_refused_instead_of_the_last_one_winning(
+    first: str, second: str, expected: str
+) -> None:
+    with pytest.raises(InputError, match=expected):
+        load_config(None, [first, second])
+
+
+@pytest.mark.parametrize(
+    ("word", "value"), [("yes", True), ("on", True), ("no", False), ("Off", False), ("true", True)]
+)
+def test_the_words_for_true_and_false_are_those_only_where_one_of_them_is_wanted(word: str, value: bool) -> None:
+    assert load_config(None, [f"recording.enabled={word}"]).recording.enabled is value
+
+
 def test_an_override_on_a_broken_file_still_blames_the_file(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"some\.yaml: gait\.period_s"):
         load_config(write(tmp_path, "gait: {period_s: -4}"), ["gait.name=pedal"])
@@ -129,7 +172,17 @@ def test_an_override_on_a_broken_file_still_blames_the_file(tmp_path: Path) -> N
 
 @pytest.mark.parametrize(
     ("text", "value"),
-    [("1e-3", "1e-3"), ("true", True), ("null", None), ("", None), ("[1, 2]", [1, 2]), ("a=b", "a=b")],
+    [
+        ("1e-3", 0.001),
+        ("off", "off"),
+        ("010", "010"),
+        ("1:30", "1:30"),
+        ("true", True),
+        ("null", None),
+        ("", None),
+        ("[1, 2]", [1, 2]),
+        ("a=b", "a=b"),
+    ],
 )
 def test_override_values_are_yaml(text: str, value: object) -> None:
     assert parse_override(f"a.b={text}") == Override("a.b", value, "--set a.b")

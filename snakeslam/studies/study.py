@@ -19,6 +19,7 @@ from snakeslam.studies.study_checks import check_study
 from snakeslam.studies.study_file import CASE, Scalar, StudySettings, read_study, words
 
 KEY_LENGTH = 12
+MAX_RUNS = 20_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +85,9 @@ def load_study(path: Path) -> Study:
     """Return the study of the file ``path``; InputError for what is wrong with it or with one of its runs."""
     settings = read_study(path)
     check_study(path, settings)
+    count = math.prod(map(len, [settings.seeds, *settings.run_axes.values()]))
+    if count > MAX_RUNS:
+        raise InputError(f"{path}: axes", f"{count} runs", f"up to {MAX_RUNS}")
     base = _base(path, settings)
     points: list[Point] = []
     for seed, chosen in itertools.product(settings.seeds, _combinations(settings)):

@@ -5,7 +5,7 @@ import json
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, ValidationError
+from pydantic import BeforeValidator, Field, ValidationError
 from pydantic_core import ErrorDetails
 
 from snakeslam.config import input_error, read_tree
@@ -15,7 +15,29 @@ from snakeslam.settings import Settings
 from snakeslam.studies.measures import MeasureName
 
 Scalar = bool | int | float | str | None
-FileName = Annotated[str, Field(pattern=r"^[a-z0-9_]+$")]
+
+
+def _as_text(value: object) -> object:
+    """Return a number, or true or false, as text: a title may be 2024."""
+    return json.dumps(value) if isinstance(value, bool | int | float) else value
+
+
+def _as_switch(value: object) -> object:
+    """Return on or off for the words that mean it."""
+    words = {"true": "on", "yes": "on", "false": "off", "no": "off"}
+    word = str(value).lower() if isinstance(value, bool | str) else None
+    return value if word is None else words.get(word, word)
+
+
+def _with_names(where: object) -> object:
+    """Return a figure's ``where`` with text for the axes whose values are names."""
+    if not isinstance(where, dict):
+        return where
+    return {axis: _as_text(value) if axis in (CASE, ESTIMATOR) else value for axis, value in where.items()}
+
+
+Text = Annotated[str, BeforeValidator(_as_text)]
+FileName = Annotated[str, BeforeValidator(_as_text), Field(pattern=r"^[a-z0-9_]+$")]
 Seed = Annotated[int, Field(ge=0, lt=2**32)]
 CASE, ESTIMATOR = "case", "estimator"
 """Axes that are no settings: the named cases, and the estimators fed by one and the same run."""
@@ -27,26 +49,26 @@ class FigureSettings(Settings):
     name: FileName
     """Of the file figures/NAME.png."""
     kind: Literal["curves", "yaw_over_time"]
-    x: str | None = None
+    x: Text | None = None
     """The axis along which curves run."""
-    lines: str | None = None
+    lines: Text | None = None
     """An axis with a line for each value."""
-    panels: str | None = None
+    panels: Text | None = None
     """An axis with a column for each value."""
     measures: tuple[MeasureName, ...] = ()
     """A row of panels for each; empty: all that are measured (curves)."""
     log: tuple[MeasureName, ...] = ()
     """Those on a logarithmic scale."""
-    where: dict[str, Scalar] = Field(default_factory=dict[str, Scalar])
+    where: Annotated[dict[str, Scalar], BeforeValidator(_with_names)] = Field(default_factory=dict[str, Scalar])
     """Only the runs with these values."""
 
 
 class ReferenceSettings(Settings):
     """Published values to compare a measure with."""
 
-    source: str
+    source: Text
     measure: MeasureName
-    axis: str
+    axis: Text
     values: Annotated[tuple[float, ...], Field(min_length=1)]
     """One for each value of the axis, in its order."""
 
@@ -54,8 +76,8 @@ class ReferenceSettings(Settings):
 class StudySettings(Settings):
     """A study: every combination of the axes' values with every seed."""
 
-    title: str = ""
-    base: str | None = None
+    title: Text = ""
+    base: Text | None = None
     """A configuration to start from, beside the study file; None: the defaults."""
     settings: dict[str, Scalar] = Field(default_factory=dict[str, Scalar])
     """Settings of every run."""
@@ -70,12 +92,12 @@ class StudySettings(Settings):
     """Gait periods that are measured then."""
     duration_s: Annotated[float, Field(gt=0, le=86400)] | None = None
     """Length of every run; None: the rest and all these periods."""
-    estimator: Literal["auto", "on", "off"] = "auto"
+    estimator: Annotated[Literal["auto", "on", "off"], BeforeValidator(_as_switch)] = "auto"
     """Camera and estimator; auto: in the runs that need them (predictive control, or a measure of the estimate)."""
     estimators: tuple[Mode, ...] = ()
     """Each run feeds all of them, the first one head control, and gives a row for each; empty: the configured one."""
     measure: Annotated[tuple[MeasureName, ...], Field(min_length=1)]
-    pooled: tuple[str, ...] = ()
+    pooled: tuple[Text, ...] = ()
     """Axes over which the table averages as over the seeds."""
     average: Literal["mean", "median"] = "mean"
     """What the table shows, beside the range."""
@@ -108,7 +130,8 @@ WORDS = {
 def read_study(path: Path) -> StudySettings:
     """Return the study file ``path``; InputError names file, key and what is allowed."""
     try:
-        return StudySettings.model_validate(read_tree(path))
+        # Strict: a value of another type is refused, never converted; in JSON a list is a tuple's form.
+        return StudySettings.model_validate_json(json.dumps(read_tree(path)), strict=True)
     except ValidationError as error:
         raise _study_error(path, error.errors()[0]) from error
 

@@ -127,6 +127,15 @@ MISTAKES: list[tuple[Changes, str]] = [
     ),
     (set_in("seeds", to=[]), "tiny.yaml: seeds: [] is not possible (allowed: not empty)"),
     (set_in("seeds", to=[-1]), "tiny.yaml: seeds.0: -1 is not possible (allowed: >= 0)"),
+    (set_in("seeds", to=[True]), "tiny.yaml: seeds.0: True is not possible (allowed: a whole number)"),
+    (set_in("seeds", to=list(range(20_000))), "tiny.yaml: axes: 80000 runs (allowed: up to 20000)"),
+    (set_in("measured_periods", to=True), "tiny.yaml: measured_periods: True is not possible (allowed: a whole"),
+    (set_in("duration_s", to="3"), "tiny.yaml: duration_s: '3' is not possible (allowed: a number)"),
+    (
+        set_in("axes", "gait.alpha_pi", to=[0.1, "off"]),
+        "tiny.yaml: axes.gait.alpha_pi: 'off' is not possible (allowed: a",
+    ),
+    (set_in("estimator", to="of"), "tiny.yaml: estimator: 'of' is not possible (allowed: auto, on, off)"),
     (set_in("measured_periods", to=0), "tiny.yaml: measured_periods: 0 is not possible (allowed: >= 1)"),
     (set_in("measure", to=["yaw"]), "tiny.yaml: measure.0: 'yaw' is not possible (allowed: yaw_rms_deg, "),
     (lambda tree: tree.pop("measure"), "tiny.yaml: measure: is missing"),
@@ -201,6 +210,31 @@ def test_a_mistake_is_one_line_and_nothing_runs(
     assert said.err.count("\n") == 1
     assert expected in said.err
     assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize(
+    ("word", "value"), [("off", "off"), ("Off", "off"), ("no", "off"), ("false", "off"), ("on", "on"), ("yes", "on")]
+)
+def test_the_estimator_is_switched_by_any_of_the_words_for_it(tmp_path: Path, word: str, value: str) -> None:
+    """In YAML 1.1 ``off`` is false, which was refused where the documentation says off."""
+    path = write(tmp_path)
+    path.write_text(path.read_text() + f"estimator: {word}\n")
+    assert load_study(path).settings.estimator == value
+
+
+@pytest.mark.parametrize(
+    ("title", "text"),
+    [("2024", "2024"), ("2024-01-01", "2024-01-01"), ("1.5", "1.5"), ("yes", "yes"), ("on", "on"), ("010", "010")],
+)
+def test_a_title_may_look_like_a_number_a_date_or_a_switch(tmp_path: Path, title: str, text: str) -> None:
+    path = write(tmp_path, one_run)
+    figure = "\n- {name: 3, kind: curves, x: gait.alpha_pi, where: {case: 1}}\n"
+    path.write_text(
+        path.read_text().replace("figures: []", f"figures:{figure}title: {title}\ncases: {{1: {{}}, on: {{}}}}")
+    )
+    study = load_study(path)
+    assert study.settings.title == text
+    assert study.settings.run_axes["case"] == ["1", "on"]
 
 
 @pytest.mark.parametrize(

@@ -22,6 +22,7 @@ from snakeslam.messages import (
 )
 from snakeslam.robot.kinematics import link_poses_from_imu
 from snakeslam.robot.model import SnakeModel
+from snakeslam.runtime.sensor_watch import CAMERA, JOINTS, SensorFault, with_faults
 from snakeslam.runtime.stillness import HeadStillness
 from snakeslam.runtime.topics import Event, Features, Report, SlamState
 
@@ -101,6 +102,7 @@ class LiveSink:
         self._frames: deque[float] = deque(maxlen=40)
         self._tick_at = -np.inf
         self._t_frame_ns = 0
+        self._faults: tuple[SensorFault, ...] = ()
 
     def set_period(self, period_s: float) -> None:
         """Tell the period of the gait: how still the head is, is judged over one."""
@@ -146,14 +148,16 @@ class LiveSink:
         """Whether it is time for a tick."""
         return self._clock() - self._tick_at >= PERIOD_S
 
-    def state(self, boot: str, mode: str) -> SlamState:
-        """Return the newest state of the estimate."""
+    def state(self, boot: str, mode: str, faults: tuple[SensorFault, ...] = ()) -> SlamState:
+        """Return the newest state of the estimate; ``faults`` are the sensors that are silent now."""
         self._tick_at = self._clock()
+        self._tell_faults(faults)
+        silent_camera = any(fault.name == CAMERA for fault in faults)
         return SlamState(
             boot=boot,
             mode=mode,
-            health=self._health,
-            frame_rate_hz=self._frame_rate_hz(),
+            health=with_faults(self._health, faults),
+            frame_rate_hz=None if silent_camera else self._frame_rate_hz(),
             T_WI=self._newest_T_WI,
             Ts_WL=self._links(),
             T_WI_truth=self._true_T_WI,
@@ -162,6 +166,14 @@ class LiveSink:
             distance_m=self._distance_m,
             map_points=sum(self._points.values()),
         )
+
+    def _tell_faults(self, faults: tuple[SensorFault, ...]) -> None:
+        before, now = ({fault.name: fault.words for fault in some} for some in (self._faults, faults))
+        self._faults = faults
+        for name in now.keys() - before.keys():
+            self._put(Event(self._t_frame_ns, "error", now[name]))
+        for name in before.keys() - now.keys():
+            self._put(Event(self._t_frame_ns, "info", f"the {name} {'are' if name == JOINTS else 'is'} back"))
 
     def _walk(self, p_W: Float) -> None:
         """Add to the distance, in steps long enough not to count the estimate's noise."""

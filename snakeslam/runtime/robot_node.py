@@ -91,10 +91,13 @@ class RobotNode:
     With a ``camera`` in a process of its own the simulator does not begin before it: it would miss the first pictures.
     """
 
-    def __init__(self, robot: Robot, bus: Bus, hello: Hello, camera: bool = False) -> None:
+    def __init__(
+        self, robot: Robot, bus: Bus, hello: Hello, camera: bool = False, deaths: deque[str] | None = None
+    ) -> None:
         self._robot, self._bus, self._hello = robot, bus, hello
         self._inbox, self._time = _inbox(bus), RobotTime(simulated=hello.simulated)
         self._camera, self._slam_there = camera, False
+        self._deaths = deque[str]() if deaths is None else deaths
         self._due_s = self._state_s = self._hello_s = monotonic()
         self._t_slam_ns: int | None = None
         self._patient_until_s = monotonic() + FIRST_PATIENCE_S
@@ -106,6 +109,7 @@ class RobotNode:
         self._robot.safety.turn(monotonic_ns())
         self._time.turn(monotonic_ns(), self._robot.backend.t_ns)
         self._take()
+        self._tell_deaths()
         now_s = monotonic()
         if now_s >= self._due_s and not self._slam_lags(now_s):
             if not self._step():
@@ -144,6 +148,7 @@ class RobotNode:
             stamp_ns = self._time.of_stamp(beat.stamp_ns, clock_ns)
             self._robot.safety.beat(name, stamp_ns, self._time.at(clock_ns))
             if name == SLAM:
+                self._robot.safety.report_missing(SLAM, beat.missing)
                 self._note_progress(beat)
         if self._inbox.estimates:
             self._robot.hear(self._inbox.estimates.popleft())
@@ -180,6 +185,14 @@ class RobotNode:
         if beat.t_frame_ns is not None and beat.t_frame_ns != self._t_slam_ns:
             self._t_slam_ns, self._patient_until_s = beat.t_frame_ns, monotonic() + PATIENCE_S
 
+    def _tell_deaths(self) -> None:
+        """Tell of the camera's deaths; simulated time does not wait for the pictures of a camera that has died."""
+        while self._deaths:
+            text = f"the camera's process: {self._deaths.popleft()}; it is started again"
+            self._bus.publish(ROBOT_EVENTS, Event(self._robot.backend.t_ns, "error", text))
+            if self._inbox.camera.is_set():
+                self._patient_until_s = monotonic()
+
     def _slam_lags(self, now_s: float) -> bool:
         """Whether simulated time has to wait for the estimator; a real robot's never does, nor for a frozen one."""
         if not self._hello.simulated or now_s > self._patient_until_s:
@@ -193,7 +206,15 @@ class RobotNode:
 def run_robot(spec: SessionSpec, link: Link, life: Life) -> None:
     """Run the robot node until its life ends; it leaves the robot in a hold."""
     go_first()
-    parts = Supervisor(_tell_of_part)
+    deaths = deque[str]()
+
+    def note_death(name: str, reason: str, final: bool) -> None:
+        _log.error("a part of the robot node ended", part=name, reason=reason, final=final)
+        if not final:
+            deaths.append(reason)
+
+    # Without pictures the robot is held, so that nothing is gained by giving the camera up.
+    parts = Supervisor(note_death, endless=True)
     apart = spec.build is None and spec.recording is None
     try:
         if apart:
@@ -202,7 +223,7 @@ def run_robot(spec: SessionSpec, link: Link, life: Life) -> None:
         with closing(_build(spec)) as backend, closing(Bus(link, wanted=lambda: not life.over)) as bus:
             robot = _robot(spec, backend, bus)
             collect_seldom()
-            _go_on(RobotNode(robot, bus, _hello(spec, robot), camera=apart), robot, life)
+            _go_on(RobotNode(robot, bus, _hello(spec, robot), apart, deaths), robot, life)
     finally:
         parts.close()
 
@@ -243,7 +264,3 @@ def _build(spec: SessionSpec) -> Backend:
     if spec.recording is not None:
         return build_backend(spec.config, spec.recording)
     return build_simulator(spec.config, "elsewhere")
-
-
-def _tell_of_part(name: str, reason: str, final: bool) -> None:
-    _log.error("a part of the robot node ended", part=name, reason=reason, final=final)

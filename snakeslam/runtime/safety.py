@@ -5,6 +5,7 @@
 | position, rate and acceleration of every target are clamped; no number at all is a hold | ``guard.Guard`` |
 | commands: stale (> 300 ms), out of order, from the future, not finite are dropped | ``intake.Intake`` |
 | the server's link, or slam's word, lost: hold within .5 s, and until somebody starts it again | ``Watch`` |
+| a sensor silent, as slam reports it: the same | ``Watch``, ``sensor_watch`` |
 | the robot's own loop stood still for 1 s: hold | ``Safety.turn`` |
 | the E-stop latches here; clearing it never moves the robot | ``guard.Guard`` |
 
@@ -34,11 +35,16 @@ class Watch:
     def __init__(self, words: Mapping[str, str]) -> None:
         self._words = dict(words)
         self._newest_ns: dict[str, int] = {}
+        self._missing: dict[str, str | None] = {}
 
     def beat(self, name: str, stamp_ns: int, now_ns: int) -> None:
         """Take a beat; one from the future proves nothing, and an old one no more than it says."""
         if stamp_ns <= now_ns + FUTURE_NS:
             self._newest_ns[name] = max(stamp_ns, self._newest_ns.get(name, stamp_ns))
+
+    def report(self, name: str, missing: str | None) -> None:
+        """Note what ``name`` says is missing to it, in words; None where nothing is."""
+        self._missing[name] = missing
 
     def lost(self, now_ns: int) -> str | None:
         """Return what is missing, in words; None when nothing is."""
@@ -46,7 +52,7 @@ class Watch:
             newest_ns = self._newest_ns.get(name)
             if newest_ns is None or now_ns - newest_ns > SILENT_NS:
                 return words
-        return None
+        return next((words for name in self._words if (words := self._missing.get(name)) is not None), None)
 
 
 class Safety:
@@ -76,6 +82,10 @@ class Safety:
     def beat(self, name: str, stamp_ns: int, now_ns: int) -> None:
         """Take a sign of life of ``name``."""
         self._watch.beat(name, stamp_ns, now_ns)
+
+    def report_missing(self, name: str, missing: str | None) -> None:
+        """Note what the required input ``name`` says is missing to it, such as slam's camera; None: nothing."""
+        self._watch.report(name, missing)
 
     def turn(self, now_ns: int) -> None:
         """Tell that the robot's loop gets on; after a freeze the world may be another."""

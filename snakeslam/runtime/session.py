@@ -24,6 +24,7 @@ from snakeslam.runtime.outbox import Outbox
 from snakeslam.runtime.pacing import Pacer
 from snakeslam.runtime.pictures import Pictures
 from snakeslam.runtime.priority import go_along
+from snakeslam.runtime.sensor_watch import SensorWatch
 from snakeslam.runtime.spec import SessionSpec
 from snakeslam.runtime.topics import Answer, Command, Ended, Report, RobotState, Shutdown
 from snakeslam.threads import use_one_thread
@@ -34,9 +35,11 @@ class _Sink(LiveSink):
 
     q_measured_rad: Float | None = None
     pictures: Pictures
+    watch: SensorWatch
 
     def on_packet(self, packet: Packet) -> None:
         super().on_packet(packet)
+        self.watch.add_packet(packet)
         if isinstance(packet, JointState):
             self.q_measured_rad = packet.q_rad
         elif isinstance(packet, CameraFrame):
@@ -60,6 +63,7 @@ class Session:
         R_IC = self.backend.rig.cam0.T_IC[:3, :3]
         self._sink = _Sink(self.backend.model, put, R_IC, gravity_known=self._mode != "visual")
         self._sink.pictures = Pictures(put)
+        self._sink.watch = SensorWatch.of(self.backend.rig, self._mode, joints=self.backend.model is not None)
         self._loop = Loop(self.backend, None, build_slam(config, self.backend), self._sink)
         put(compose.started(self.backend.t_ns, self._mode, self.backend.rig, self.backend.model, None))
 
@@ -97,7 +101,7 @@ class Session:
             q_measured_rad=self._sink.q_measured_rad,
             answers=(Answer("", self._done),),
         )
-        self._put(compose.tick(robot, self._sink.state("", self._mode), ""))
+        self._put(compose.tick(robot, self._sink.state("", self._mode, self._sink.watch.faults()), ""))
 
 
 def _with_estimator_mode(spec: SessionSpec, backend: Backend) -> Config:

@@ -23,6 +23,7 @@ from snakeslam.runtime.merge import Item, Merge
 from snakeslam.runtime.node import Life
 from snakeslam.runtime.pictures import Pictures
 from snakeslam.runtime.priority import SLAM_NICE, go_apart
+from snakeslam.runtime.sensor_watch import CAMERA, IMU, JOINTS, SensorWatch
 from snakeslam.runtime.topics import (
     CHUNKS,
     ESTIMATES,
@@ -71,6 +72,8 @@ class Mapping:
         self._anchor = Anchor(hello.last_pose, round(hello.t_ns * NS * KEYS_PER_S))
         self._frames: deque[CameraFrame] = deque(maxlen=2)
         self._slam_ms = 0.0
+        self.watch = SensorWatch.of(hello.rig, self.mode, joints=model is not None)
+        """What arrives, whether or not slam has come to work it through."""
         self.estimate: Estimate | None = None
         """What slam says of the newest picture it has worked through."""
 
@@ -80,7 +83,7 @@ class Mapping:
 
     def state(self) -> SlamState:
         """Return the newest state."""
-        return self._sink.state(self.boot, self.mode)
+        return self._sink.state(self.boot, self.mode, self.watch.faults())
 
     def due(self) -> bool:
         """Whether it is time to tell the state."""
@@ -142,8 +145,8 @@ class SlamNode:
         self._turned_s = monotonic()
         self.pictures = Pictures(lambda picture: bus.publish(PICTURES, picture))
         bus.subscribe(FRAMES, self._see)
-        for topic in (ROBOT_STATE, SERVER_BEAT):
-            bus.subscribe(topic, self._inbox.put)
+        bus.subscribe(SERVER_BEAT, self._inbox.put)
+        bus.subscribe(ROBOT_STATE, self._on_robot_state)
         for topic in (HELLO, SENSORS):
             bus.subscribe(topic, self._hear)
 
@@ -152,7 +155,8 @@ class SlamNode:
         now_ns, mapping = self._clock.now_ns(), self._mapping
         if mapping is not None and now_ns is not None and monotonic() - self._turned_s < STUCK_S:
             estimate = mapping.estimate
-            self._bus.publish(SLAM_BEAT, Beat(self._name, now_ns, None if estimate is None else estimate.t_ns))
+            t_frame_ns = None if estimate is None else estimate.t_ns
+            self._bus.publish(SLAM_BEAT, Beat(self._name, now_ns, t_frame_ns, mapping.watch.missing()))
 
     def turn(self, timeout_s: float = 0.1) -> None:
         """Wait for messages and take all there are; of pictures the newest."""
@@ -183,8 +187,21 @@ class SlamNode:
     def _see(self, frame: CameraFrame) -> None:
         """Pass a frame on to slam, and to the page where no camera's process does; neither waits for the other."""
         self._inbox.put(frame)
-        if self._mapping is not None and not self._mapping.simulated:
+        mapping = self._mapping
+        if mapping is None:
+            return
+        mapping.watch.add(CAMERA, frame.t_ns)
+        if not mapping.simulated:
             self.pictures.hear(frame)
+
+    def _on_robot_state(self, state: RobotState) -> None:
+        self._inbox.put(state)
+        if (mapping := self._mapping_of(state.boot)) is not None:
+            mapping.watch.advance(state.t_ns)
+
+    def _mapping_of(self, boot: str) -> Mapping | None:
+        mapping = self._mapping
+        return mapping if mapping is not None and mapping.boot == boot else None
 
     def _hear(self, message: Hello | Sensors) -> None:
         """Read the robot's clock as the message comes in, not when it is its turn."""
@@ -193,6 +210,8 @@ class SlamNode:
             self._clock.restart()
         self._clock.hear(message.stamp_ns)
         self._inbox.put(message)
+        if isinstance(message, Sensors) and (mapping := self._mapping_of(message.boot)) is not None:
+            _note_stamps(mapping.watch, message)
 
     def _take(self, message: "Hello | Sensors | RobotState | Beat") -> None:
         if isinstance(message, Hello):
@@ -229,6 +248,15 @@ class SlamNode:
             self._bus.publish(FEATURES, report)
         elif isinstance(report, Event):
             self._bus.publish(SLAM_EVENTS, report)
+
+
+def _note_stamps(watch: SensorWatch, sensors: Sensors) -> None:
+    if sensors.target is not None:
+        watch.advance(sensors.target.t_ns)
+    for sample in sensors.imu:
+        watch.add(IMU, sample.t_ns)
+    if sensors.joints is not None:
+        watch.add(JOINTS, sensors.joints.t_ns)
 
 
 def run_slam(config: Config, link: Link, life: Life) -> None:

@@ -33,11 +33,11 @@ class Supervisor:
     """Watches children by name; ``tell(name, reason, final)`` hears of each death, from a thread of the supervisor.
 
     Final is a death with a last word (it would only fail again), the last of TRIES in a row, and an end as planned, for
-    which the reason is empty.
+    which the reason is empty. With ``endless`` only an end as planned is final: what has died is tried again for ever.
     """
 
-    def __init__(self, tell: Tell) -> None:
-        self._tell = tell
+    def __init__(self, tell: Tell, *, endless: bool = False) -> None:
+        self._tell, self._endless = tell, endless
         self._lock = threading.Lock()
         self._kept: dict[str, _Kept] = {}
         self._closing = threading.Event()
@@ -81,7 +81,8 @@ class Supervisor:
         word = _last_word(kept.child)
         kept.deaths = 1 if monotonic() - kept.started_s > STEADY_S else kept.deaths + 1
         done = word is None and kept.child.process.exitcode == 0
-        final = done or word is not None or kept.deaths >= TRIES
+        given_up = not self._endless and (word is not None or kept.deaths >= TRIES)
+        final = done or given_up
         self._tell(name, "" if done else word or how_it_ended(kept.child), final)
         if final or self._closing.wait(backoff_s(kept.deaths)):
             return False

@@ -37,11 +37,15 @@ class Order:
 
 @dataclass(frozen=True, slots=True)
 class Beat:
-    """A sign of life of the server or slam; ``t_frame_ns`` is the newest picture that slam has worked through."""
+    """A sign of life of the server or slam; ``t_frame_ns`` is the newest picture that slam has worked through.
+
+    ``missing`` says in words which sensor the robot may not move without gives slam nothing; None where all do.
+    """
 
     sender: str
     stamp_ns: int
     t_frame_ns: int | None = None
+    missing: str | None = None
 
 
 @dataclass(frozen=True, slots=True)

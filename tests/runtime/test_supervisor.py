@@ -117,3 +117,15 @@ def test_a_child_of_a_killed_child_ends_by_itself(tmp_path: Path) -> None:
         assert time.monotonic() < until
         time.sleep(0.02)
     child.pipe.close()
+
+
+def test_an_endless_supervisor_gives_nothing_up() -> None:
+    told: list[bool] = []
+    supervisor = Supervisor(lambda _name, _reason, final: told.append(final), endless=True)
+    supervisor.start("child", lambda: spawn("child", fail))
+    until = time.monotonic() + 30.0
+    while len(told) < 2:
+        assert time.monotonic() < until
+        time.sleep(0.02)
+    supervisor.close()
+    assert not any(told)

@@ -1,8 +1,8 @@
 """Measure where the time of a simulated run goes, against the budgets; ``make bench`` prints the table.
 
 ``python -m bench [SECONDS]`` measures the time, ``python -m bench consistency [SEEDS]`` the NEES, ``python -m bench
-turn`` a commanded turn, ``python -m bench live [SECONDS]`` the nodes beside the server, ``python -m bench page
-[SECONDS]`` the whole stack with a browser and many viewers.
+turn`` a commanded turn, ``python -m bench live [SECONDS]`` the nodes beside the server, ``python -m bench estop
+[SECONDS]`` the E-stop under floods, ``python -m bench page [SECONDS]`` the whole stack with a browser and many viewers.
 """
 
 import functools
@@ -21,7 +21,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from bench import consistency, live, page, turn
+from bench import consistency, floods, live, page, turn
 from snakeslam.backends.sim.camera import Camera
 from snakeslam.backends.sim.physics import SnakePhysics
 from snakeslam.backends.sim.renderer import Renderer
@@ -135,6 +135,9 @@ def main() -> None:
         return
     if sys.argv[1:2] == ["page"]:
         page.main(*map(float, sys.argv[2:3]))
+        return
+    if sys.argv[1:2] == ["estop"]:
+        floods.main(*map(float, sys.argv[2:3]))
         return
     if sys.argv[1:2] == ["turn"]:
         turn.main()

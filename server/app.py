@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from http import HTTPStatus
 from importlib.metadata import version
 from pathlib import Path
+from time import monotonic
 
 from fastapi import APIRouter, FastAPI
 from starlette.responses import HTMLResponse, JSONResponse, Response
@@ -14,12 +15,14 @@ from starlette.staticfiles import StaticFiles
 
 from server import docs, problem
 from server.auth import Auth, HostRule, login_response
+from server.bulk import Bulk, Made
 from server.deps import House, Rooms
 from server.guard import Guard
 from server.keeper import Keeper
 from server.lease import Desk
 from server.limits import DEFAULT_RATES, Limiter, Rates
 from server.live import Live
+from server.map_file import MapFile
 from server.metrics import Metrics
 from server.observe import Observe
 from server.recordings import Library
@@ -32,6 +35,8 @@ from server.viewer_proxy import ViewerProxy
 from snakeslam.runtime.spec import SessionSpec
 
 PAGE = Path(__file__).resolve().parents[1] / "web" / "dist"
+RECORDINGS_AGE_S = 2.0
+"""The list of recordings is at most so old; looking through them takes a good part of a second."""
 NO_PAGE = (
     "<!doctype html><title>snakeslam</title><p>The page is not built: run <code>make setup</code>. The API is at "
     "<a href=/api/docs>/api/docs</a>, the 3D view at <a href=/viewer/>/viewer/</a>."
@@ -76,6 +81,7 @@ def create_app(settings: ServerSettings, announce: Callable[[str], None]) -> Fas
             await asyncio.gather(house.runs.close(), house.live.stop())
             await proxy.close()
             await asyncio.to_thread(house.viewer.close)
+            house.bulk.close()
 
     app = FastAPI(
         title="snakeslam",
@@ -102,7 +108,8 @@ def create_app(settings: ServerSettings, announce: Callable[[str], None]) -> Fas
 
 
 def _build(settings: ServerSettings, auth: Auth, metrics: Metrics, socket: Path) -> House:
-    live, desk = Live(settings.spec.config), Desk()
+    live, desk, bulk = Live(settings.spec.config), Desk(), Bulk()
+    library = Library.of(list(settings.recordings))
     return House(
         auth=auth,
         config=settings.spec.config,
@@ -113,8 +120,11 @@ def _build(settings: ServerSettings, auth: Auth, metrics: Metrics, socket: Path)
         telemetry=Telemetry(live, desk, metrics),
         viewer=Viewer(socket),
         runs=Runs(settings.runs),
-        library=Library.of(list(settings.recordings)),
+        library=library,
         metrics=metrics,
+        bulk=bulk,
+        map_file=MapFile(live, bulk),
+        recordings=Made(bulk, library.all, monotonic, RECORDINGS_AGE_S),
     )
 
 

@@ -7,8 +7,10 @@ from fastapi import Depends
 from starlette.requests import HTTPConnection
 
 from server.auth import Auth, Caller
+from server.bulk import Bulk, Made
 from server.lease import Desk
 from server.live import Live
+from server.map_file import MapFile
 from server.metrics import Metrics
 from server.recordings import Library
 from server.runs import Runs
@@ -17,6 +19,7 @@ from server.telemetry import Telemetry
 from server.teleop import Teleop
 from server.viewer import Viewer
 from snakeslam.config import Config
+from snakeslam.recording.datasets import Summary
 from snakeslam.runtime.spec import SessionSpec
 from snakeslam.runtime.topics import Stop
 
@@ -36,6 +39,9 @@ class House:
     runs: Runs
     library: Library
     metrics: Metrics
+    bulk: Bulk
+    map_file: MapFile
+    recordings: Made[dict[str, Summary]]
 
     def state(self) -> Json:
         """GET /state."""

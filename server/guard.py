@@ -1,5 +1,6 @@
 """What every request meets first: Host, Origin, sign-in, role, rate and body size, before anything else sees it."""
 
+import asyncio
 from http import HTTPStatus
 
 from starlette.requests import HTTPConnection
@@ -12,6 +13,7 @@ from server.metrics import Metrics
 from server.problem import problem_response
 
 MAX_BODY_BYTES = 64 * 1024
+LATE_S = 0.1
 SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
 PROTECTED = ("/api/", "/viewer", "/metrics")
 SIGN_IN = "/api/v1/session"
@@ -37,12 +39,15 @@ class Guard:
             await self._app(scope, receive, send)
             return
         connection = HTTPConnection(scope)
-        refusal = self._refusal(connection, self._auth.caller(connection))
+        caller = self._auth.caller(connection)
+        refusal = self._refusal(connection, caller)
         if refusal is not None:
             await _refuse(refusal, scope, receive, send)
             return
         if scope["type"] == "http":
             send = _with_security_headers(send)
+            if caller is not None and connection.url.path == ESTOP and not self._limiter.allows("estop", _who(caller)):
+                send = _late(send)
             body = await _capped_body(receive) if scope["method"] not in SAFE_METHODS else b""
             if body is None:
                 too_large = problem_response(413, f"the body is larger than {MAX_BODY_BYTES} bytes")
@@ -77,10 +82,18 @@ class Guard:
         signing_in = path == "/login" or (path == SIGN_IN and write)
         kind = "sign_in" if signing_in else "write" if write else "read"
         host = connection.client.host if connection.client is not None else ""
-        if self._limiter.allows(kind, caller.identity if caller is not None and not signing_in else host):
+        watching = caller is not None and caller.role == "viewer"
+        if self._limiter.allows(kind, caller.identity if caller is not None and not signing_in else host) and (
+            not watching or self._limiter.allows("viewers", "")
+        ):
             return True
         self._metrics.limited.labels(kind).inc()
         return False
+
+
+def _who(caller: Caller) -> str:
+    """Return whose presses are counted together: an operator's own, those of all who only watch."""
+    return caller.role if caller.role == "viewer" else caller.identity
 
 
 def _writes(connection: HTTPConnection) -> bool:
@@ -88,7 +101,12 @@ def _writes(connection: HTTPConnection) -> bool:
 
 
 async def _refuse(refusal: Response, scope: Scope, receive: Receive, send: Send) -> None:
-    """Answer instead of the application; a websocket's handshake gets the same as an HTTP answer."""
+    """Answer instead of the application; a websocket's handshake gets the same as an HTTP answer.
+
+    Who asks too often is answered late: a program that waits for each answer is slowed down by it.
+    """
+    if refusal.status_code == HTTPStatus.TOO_MANY_REQUESTS:
+        await asyncio.sleep(LATE_S)
     if scope["type"] == "http":
         await refusal(scope, receive, send)
         return
@@ -123,6 +141,17 @@ def _replay(body: bytes, receive: Receive) -> Receive:
         return {"type": "http.request", "body": body, "more_body": False}
 
     return receive_body
+
+
+def _late(send: Send) -> Send:
+    """Return a ``send`` that waits before it answers; what was asked for has been done by then."""
+
+    async def send_late(message: Message) -> None:
+        if message["type"] == "http.response.start":
+            await asyncio.sleep(LATE_S)
+        await send(message)
+
+    return send_late
 
 
 def _with_security_headers(send: Send) -> Send:

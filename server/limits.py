@@ -17,9 +17,12 @@ class Rate:
 
 @dataclass(frozen=True, slots=True)
 class Rates:
-    """What the server allows each caller; the E-stop is never limited."""
+    """What the server allows each caller; the E-stop is never limited, only answered late when pressed more often."""
 
     read: Rate = Rate(300.0, 100.0)
+    viewers: Rate = Rate(600.0, 200.0)
+    """All requests of those who may only watch, together."""
+    estop: Rate = Rate(30.0, 10.0)
     write: Rate = Rate(60.0, 30.0)
     sign_in: Rate = Rate(10.0, 0.5)
     teleop: Rate = Rate(60.0, 60.0)

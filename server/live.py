@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import json
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from http import HTTPStatus
@@ -32,7 +33,9 @@ from snakeslam.runtime.topics import (
 )
 
 NS = 1e-9
-CONFIRM_S = 2.0
+CONFIRM_S, ESTOP_CONFIRM_S = 2.0, 0.5
+REPEAT_S = 0.05
+"""An E-stop that is pressed again and again is handed on so often."""
 PULSE_S = 0.1
 MAX_PATH = 20_000
 Phase = Literal["starting", "running", "ended", "failed"]
@@ -44,6 +47,7 @@ class Path3:
     """Positions over time, thinned by half whenever it grows too long: rows of (t_s, x, y, z)."""
 
     rows: list[tuple[float, float, float, float]] = field(default_factory=list)
+    _texts: list[str] = field(default_factory=list)
     _every: int = 1
     _count: int = 0
 
@@ -54,9 +58,14 @@ class Path3:
             return
         x, y, z = T_WI[:3, 3].tolist()
         self.rows.append((round(t_s, 4), x, y, z))
+        self._texts.append(json.dumps(self.rows[-1], separators=(",", ":")))
         if len(self.rows) > MAX_PATH:
-            self.rows = self.rows[::2]
+            self.rows, self._texts = self.rows[::2], self._texts[::2]
             self._every *= 2
+
+    def text(self) -> str:
+        """The rows as JSON, without the brackets around them; each was written when it came."""
+        return ",".join(self._texts)
 
 
 @dataclass(slots=True)
@@ -71,6 +80,8 @@ class View:
     started: Started | None = None
     tick: Tick | None = None
     chunks: dict[int, MapChunk] = field(default_factory=dict)
+    map_revision: int = 0
+    """Grows with every change of ``chunks``."""
     estimate: Path3 = field(default_factory=Path3)
     truth: Path3 = field(default_factory=Path3)
 
@@ -92,6 +103,7 @@ class View:
             known = self.chunks.get(report.key)
             if known is None or known.revision <= report.revision:
                 self.chunks[report.key] = report
+                self.map_revision += 1
         elif isinstance(report, Ended):
             self.phase, self.message = ("ended", None) if report.error is None else ("failed", report.error)
 
@@ -100,6 +112,7 @@ class View:
         self.phase, self.message = "running", None
         if self.started is not None:
             self.tick, self.chunks, self.estimate, self.truth = None, {}, Path3(), Path3()
+            self.map_revision += 1
         self.started = started
 
     def _take_tick(self, tick: Tick) -> None:
@@ -123,6 +136,7 @@ class Live:
         self._child: _Child | None = None
         self._estop_reason: str | None = None
         self._estops = 0
+        self._resetting = 0
         self.view = View("sim", "simulator", config, phase="ended")
 
     def listen(self, listener: Listener) -> None:
@@ -163,17 +177,41 @@ class Live:
 
     async def _send(self, child: "_Child", command: Command) -> None:
         try:
-            refusal = await child.obeyed(await asyncio.to_thread(child.host.send, command))
+            # Sending only hands over to the threads of the bus: it never waits, and so needs no thread of its own,
+            # for which it would have to queue behind others' work.
+            refusal = await child.obeyed(child.host.send(command))
         except (OSError, TimeoutError) as error:
             raise Problem(HTTPStatus.SERVICE_UNAVAILABLE, "the session did not answer") from error
         if refusal is not None:
             raise Problem(HTTPStatus.CONFLICT, refusal)
 
-    async def estop(self, reason: str) -> None:
-        """Latch the E-stop: here, for every session to come, and in the one that runs."""
+    @property
+    def latched(self) -> bool:
+        """Whether the robot itself has said that its E-stop is latched, and nobody is clearing it."""
+        tick = self.view.tick
+        told = self.view.phase == "running" and tick is not None and tick.estop_reason is not None
+        return told and self._estop_reason is not None and not self._resetting
+
+    async def estop(self, reason: str) -> bool:
+        """Latch the E-stop here, for every session to come, and in the one that runs; return whether that confirmed it.
+
+        It is sent before anything is waited for. An E-stop that the robot has confirmed is not waited for again, but
+        still sent, REPEAT_S apart.
+        """
         self._estops += 1
         self._estop_reason = self._estop_reason or reason
-        await self._urgent(EStop(reason))
+        child = self._child
+        if child is None or self.view.phase in ("ended", "failed"):
+            return True  # Nothing runs that could move.
+        if self.latched:
+            child.repeat(EStop(reason))
+            return True
+        try:
+            number = child.host.send(EStop(reason))
+            await child.obeyed(number, ESTOP_CONFIRM_S)
+        except (OSError, TimeoutError):
+            return False  # The host sends it again when the robot is there.
+        return True
 
     async def reset_estop(self) -> None:
         """Clear the latch; nothing moves for it.
@@ -182,7 +220,11 @@ class Live:
         stays.
         """
         estops = self._estops
-        await self._urgent(ResetEStop())
+        self._resetting += 1
+        try:
+            await self._urgent(ResetEStop())
+        finally:
+            self._resetting -= 1
         if self._estops == estops:
             self._estop_reason = None
 
@@ -196,7 +238,7 @@ class Live:
         else:
             # Not there yet: it hears of it when it is (the host sees to that, or ``start`` does).
             with contextlib.suppress(OSError):
-                await asyncio.to_thread(child.host.send, command)
+                child.host.send(command)
 
     async def move(self) -> None:
         """Set the robot going; Problem while the E-stop is latched or there is no robot."""
@@ -255,6 +297,7 @@ class _Child:
         self._done = 0
         self._refusals: dict[int, str] = {}
         self._progress = asyncio.Event()
+        self._repeat_s, self._repeating = 0.0, False
         self._pulse = asyncio.create_task(self._pulse_on())
 
     async def start(self) -> None:
@@ -266,9 +309,23 @@ class _Child:
         self._pulse.cancel()
         await asyncio.to_thread(self.host.stop)
 
-    async def obeyed(self, number: int) -> str | None:
+    def repeat(self, command: EStop) -> None:
+        """Send an E-stop that is latched already: now, or with others that come within REPEAT_S after the last."""
+        wait_s = self._repeat_s + REPEAT_S - self._loop.time()
+        if wait_s <= 0.0:
+            self._send_again(command)
+        elif not self._repeating:
+            self._repeating = True
+            self._loop.call_later(wait_s, self._send_again, command)
+
+    def _send_again(self, command: EStop) -> None:
+        self._repeat_s, self._repeating = self._loop.time(), False
+        with contextlib.suppress(OSError):  # a session that has ended meanwhile
+            self.host.send(command)
+
+    async def obeyed(self, number: int, timeout_s: float = CONFIRM_S) -> str | None:
         """Wait for the session's answer and return why it refused, None when it obeyed; TimeoutError without answer."""
-        async with asyncio.timeout(CONFIRM_S):
+        async with asyncio.timeout(timeout_s):
             while self._done < number:
                 self._progress.clear()
                 await self._progress.wait()

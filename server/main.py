@@ -18,11 +18,14 @@ from server.auth import TOKEN_VARIABLE, token_from_environment, viewer_token_fro
 from server.logs import configure_logs
 from snakeslam.config import Config
 from snakeslam.errors import InputError, SnakeslamError
+from snakeslam.garbage import collect_seldom
 from snakeslam.runtime.priority import go_second
 from snakeslam.runtime.spec import SessionSpec
 
 GRACE_S = 2
 BACKLOG = 128
+SWITCH_S = 0.0005
+"""So soon another thread has its turn: those of the bus and the event loop must not wait for one that computes."""
 MAX_MESSAGE_BYTES = 64 * 1024
 
 
@@ -74,6 +77,7 @@ def serve(config: Config, *, host: str, port: int, recordings: list[Path], spec:
     given, watching = token_from_environment(host), viewer_token_from_environment()
     token = given or secrets.token_urlsafe(24)
     spec = spec or SessionSpec(config, autostart=config.run.autostart)
+    sys.setswitchinterval(SWITCH_S)
     with bind(host, port) as listener, tempfile.TemporaryDirectory(prefix="snakeslam-") as folder:
         go_second()
         url = _url(host, listener)
@@ -82,6 +86,7 @@ def serve(config: Config, *, host: str, port: int, recordings: list[Path], spec:
         hint = f"${TOKEN_VARIABLE}" if given else str(_write_token(Path(folder), token))
 
         def ready() -> None:
+            collect_seldom()
             _say(f"Token for scripts: {hint}")
             _say(f"Open {url}/login?code={app.state.auth.code}")
 

@@ -1,8 +1,9 @@
 """The emergency stop."""
 
+from http import HTTPStatus
 from typing import Any
 
-from fastapi import APIRouter
+from fastapi import APIRouter, Response
 from pydantic import BaseModel, ConfigDict, Field
 
 from server.deps import Rooms, Who
@@ -19,14 +20,20 @@ class EStopRequest(BaseModel):
     reason: str = Field(OPERATOR, min_length=1, max_length=200)
 
 
-@router.post("/estop")
-async def estop(house: Rooms, request: EStopRequest | None = None) -> dict[str, Any]:
-    """Latch the emergency stop; answers when the robot holds. Anybody may who is signed in."""
-    try:
-        await house.live.estop(OPERATOR if request is None else request.reason)
-    finally:
+@router.post("/estop", responses={HTTPStatus.ACCEPTED: {"description": "sent, but not confirmed by the robot yet"}})
+async def estop(house: Rooms, response: Response, request: EStopRequest | None = None) -> dict[str, Any]:
+    """Latch the emergency stop; anybody may who is signed in.
+
+    Answers 200 when the robot has confirmed it. Without its word within half a second it answers 202 with "confirmed"
+    false: the stop has been sent, is latched in the server, and is sent again to a robot node that comes back.
+    """
+    before = house.live.estop_reason
+    confirmed = await house.live.estop(OPERATOR if request is None else request.reason)
+    if before is None:
         house.telemetry.tell_state()
-    return house.state()
+    if not confirmed:
+        response.status_code = HTTPStatus.ACCEPTED
+    return {**house.state(), "confirmed": confirmed}
 
 
 @router.post("/estop/reset")

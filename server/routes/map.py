@@ -1,16 +1,10 @@
 """The map and the trajectories of the live session."""
 
-from asyncio import to_thread
-from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Any
-
 from fastapi import APIRouter
-from starlette.responses import Response
+from starlette.responses import JSONResponse, Response
 
-from server.deps import Rooms
-from snakeslam.mapping.export import write_ply
-from snakeslam.messages import MapChunk
+from server.bulk import BulkResponse
+from server.deps import Rooms, Who
 
 router = APIRouter(tags=["map"])
 
@@ -22,24 +16,18 @@ async def get_map(house: Rooms) -> dict[str, int]:
     return {"chunks": len(chunks), "points": sum(len(chunk.points_K) for chunk in chunks)}
 
 
-@router.get("/map.ply")
-async def get_map_ply(house: Rooms) -> Response:
-    """The map as a PLY file, in the estimate's world frame."""
-    chunks = house.live.view.chunks
-    data = await to_thread(_ply, [chunks[key] for key in sorted(chunks)])
-    headers = {"Content-Disposition": 'attachment; filename="map.ply"'}
-    return Response(data, headers=headers, media_type="application/octet-stream")
+@router.get("/map.ply", response_class=Response)
+async def get_map_ply(house: Rooms, who: Who) -> Response:
+    """The map as a PLY file, in the estimate's world frame; at most a second old."""
+    return BulkResponse(house.bulk, who, house.map_file.get, "application/octet-stream", "map.ply")
 
 
-@router.get("/trajectory")
-async def get_trajectory(house: Rooms) -> dict[str, Any]:
+@router.get("/trajectory", response_class=JSONResponse)
+async def get_trajectory(house: Rooms, who: Who) -> Response:
     """Estimate and truth as rows of t_s, x, y, z; the truth is brought to the estimate's first pose."""
-    view = house.live.view
-    return {"estimate": view.estimate.rows, "truth": view.truth.rows}
 
+    async def text() -> bytes:
+        view = house.live.view
+        return f'{{"estimate":[{view.estimate.text()}],"truth":[{view.truth.text()}]}}'.encode()
 
-def _ply(chunks: list[MapChunk]) -> bytes:
-    with TemporaryDirectory(prefix="snakeslam-") as folder:
-        path = Path(folder) / "map.ply"
-        write_ply(path, chunks)
-        return path.read_bytes()
+    return BulkResponse(house.bulk, who, text, "application/json")

@@ -1,6 +1,5 @@
 """Recordings to watch, and the way back to the simulator."""
 
-from asyncio import to_thread
 from dataclasses import replace
 from http import HTTPStatus
 from typing import Any
@@ -35,9 +34,9 @@ class SimRequest(BaseModel):
 
 
 @router.get("/recordings")
-def get_recordings(house: Rooms) -> list[dict[str, Any]]:
-    """The recordings that can be played."""
-    return [recording_json(key, summary) for key, summary in house.library.all().items()]
+async def get_recordings(house: Rooms) -> list[dict[str, Any]]:
+    """The recordings that can be played; the list is at most two seconds old."""
+    return [recording_json(key, summary) for key, summary in (await house.recordings.get()).items()]
 
 
 @router.post("/recordings/{recording_id}/play")
@@ -46,7 +45,7 @@ async def play(recording_id: str, house: Rooms, who: Who, request: PlayRequest |
 
     A mode that they do not allow ends the session with a line that says so.
     """
-    summary = (await to_thread(house.library.all)).get(recording_id)
+    summary = (await house.recordings.get()).get(recording_id)
     if summary is None:
         raise Problem(HTTPStatus.NOT_FOUND, "there is no such recording; GET /recordings lists them")
     house.need_control(who)

@@ -112,12 +112,13 @@ class NodesHost:
 
     def send(self, command: Command) -> int:
         """Send a command to the robot node."""
-        bus, now_ns = self._bus, self._clock.now_ns()
-        if bus is None or (now_ns is None and not isinstance(command, EStop | Stop)):
-            raise BrokenPipeError("the robot has not been heard yet")
         with self._lock:
+            # Known before there is a bus: a robot node that is still being made gets it then.
             if isinstance(command, EStop | ResetEStop):
                 self._estop = command.reason if isinstance(command, EStop) else None
+            bus, now_ns = self._bus, self._clock.now_ns()
+            if bus is None or (now_ns is None and not isinstance(command, EStop | Stop)):
+                raise BrokenPipeError("the robot has not been heard yet")
             order = self._sender.order(command, now_ns or 0)
             bus.publish(ESTOP if isinstance(command, EStop) else ORDERS, order)
             return order.number

@@ -4,6 +4,7 @@ import contextlib
 import threading
 from collections.abc import Callable
 from multiprocessing.connection import Connection
+from queue import SimpleQueue
 from typing import Any, Protocol
 
 from snakeslam.runtime.session import start_session
@@ -40,6 +41,7 @@ class PipeHost:
     def __init__(self, spec: SessionSpec, start_process: Callable[[SessionSpec], Any] = start_session) -> None:
         self._spec, self._start_process = spec, start_process
         self._sending = threading.Lock()
+        self._waiting: SimpleQueue[Command | None] = SimpleQueue()
         self._process: Any = None
         self._pipe: Connection[Command, Report] | None = None
         self._reader: threading.Thread | None = None
@@ -50,14 +52,15 @@ class PipeHost:
         self._process, self._pipe = self._start_process(self._spec)
         self._reader = threading.Thread(target=self._read, args=(self._pipe, put), name="session-reader", daemon=True)
         self._reader.start()
+        threading.Thread(target=self._write, args=(self._pipe,), name="session-writer", daemon=True).start()
 
     def send(self, command: Command) -> int:
-        """Send a command."""
+        """Send a command; never waits, though the process may be frozen and its pipe full."""
         with self._sending:
-            if self._pipe is None:
+            if self._pipe is None or self._pipe.closed:
                 raise BrokenPipeError
-            self._pipe.send(command)
             self._sent += 1
+            self._waiting.put(command)
             return self._sent
 
     def pulse(self) -> None:
@@ -69,6 +72,7 @@ class PipeHost:
             return
         with contextlib.suppress(OSError):
             self.send(Shutdown())
+        self._waiting.put(None)
         self._process.join(END_S)
         for end in ("terminate", "kill"):
             if self._process.is_alive():
@@ -77,6 +81,12 @@ class PipeHost:
         if self._reader is not None:
             self._reader.join(END_S)
         self._process.close()
+
+    def _write(self, pipe: "Connection[Command, Report]") -> None:
+        """Write what was sent; a process that is gone needs nothing more, and its reader tells of it."""
+        with contextlib.suppress(OSError):
+            while (command := self._waiting.get()) is not None:
+                pipe.send(command)
 
     def _read(self, pipe: "Connection[Command, Report]", put: Put) -> None:
         """Hand on every report; a pipe that ends without a last word is a crash."""

@@ -40,8 +40,8 @@ class RunSettings(Settings):
     """Simulated time; a recording is played to its end when ``replay`` is given no duration."""
     rest_s: Annotated[float, Field(ge=0, le=60)] = 0.5
     """The robot lies still for so long before it starts, so that the estimator can find gravity."""
-    autostart: bool = True
-    """The dashboard's simulator sets its gait going by itself; a scripted run always does."""
+    autostart: bool = False
+    """The dashboard's simulator starts its gait by itself, with nobody in control; a scripted run always does."""
 
 
 class GovernorSettings(Settings):

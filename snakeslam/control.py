@@ -8,9 +8,8 @@ from snakeslam.gaits.catalogue import GaitSettings, resolve
 from snakeslam.gaits.command import commanded_gait
 from snakeslam.head.command import commanded_head
 from snakeslam.head.controller import HeadControl, HeadSense
-from snakeslam.head.laws import check
+from snakeslam.head.laws import check, settled
 from snakeslam.head.line import TURN_RATE_RAD_S
-from snakeslam.head.neck import settled
 from snakeslam.head.settings import HeadSettings
 from snakeslam.messages import Float, GaitCommand, HeadCommand, ImuSample, JointState, JointTarget, PoseEstimate
 from snakeslam.robot.limits import LimitedFollower
@@ -31,12 +30,12 @@ class Control:
         self._model = model
         self._configured = gait
         self._gait = resolve(gait, model)
-        check(head, model, self._gait)
+        head = settled(head, model, self._gait)
         self._asked, self._drive, self._turn = gait, 0.0, 0.0
         self.throttle = 1.0
         """Share of the commanded drive that is played, 0 to 1."""
         self._t_ns: int | None = None
-        self._head = HeadControl(model, settled(head, model), HeadSense())
+        self._head = HeadControl(model, head, HeadSense())
         self._blend = GaitBlend(model, self._gait, model.rest_q_rad, self._head.shape)
         self._follower = LimitedFollower(model.limits, model.rest_q_rad)
 

@@ -29,6 +29,12 @@ def test_sim_yaml_is_complete_and_equals_the_defaults(checkout: Path) -> None:
     assert leaves(yaml.safe_load(path.read_text())) == leaves(Config().model_dump(mode="json"))
 
 
+def test_the_simulator_starts_at_rest_and_with_the_head_held_still(checkout: Path) -> None:
+    config = load_config(checkout / "configs" / "sim.yaml")
+    assert not config.run.autostart
+    assert config.head.controller == "predictive"
+
+
 def test_every_setting_of_sim_yaml_has_a_comment(checkout: Path) -> None:
     lines = (checkout / "configs" / "sim.yaml").read_text().splitlines()
     for before, line in zip(["", *lines], lines, strict=False):
@@ -48,7 +54,7 @@ CONTRACT = {
     "gait.wavelength_joints": [16, 20],
     "gait.period_s": [4, 2.5],
     "gait.amplitude_deg": [8.6],
-    "head.controller": ["none"],
+    "head.controller": ["none", "direction", "position", "predictive"],
     "head.neck_joints": [4, 6],
     "estimator.mode": ["visual", "vio", "planar", "fused", "gait"],
     "sim.world": ["corridor", "office", "rubble", "blank"],

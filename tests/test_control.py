@@ -30,7 +30,7 @@ commands = st.builds(
 
 
 def _control(**gait):
-    return Control(MODEL, GaitSettings(**gait), HeadSettings())
+    return Control(MODEL, GaitSettings(**gait), HeadSettings(controller="none"))
 
 
 def _run(control, steps, start=0, joints=None):
@@ -112,9 +112,9 @@ def test_parameters_of_the_configured_gait_hold_for_it_alone():
         "changed": (GaitCommand(0, "serpentine", alpha_pi=0.2), GaitSettings(alpha_pi=0.2, period_s=8)),
     }
     for command, expected in commands.values():
-        control = Control(MODEL, configured, HeadSettings())
+        control = Control(MODEL, configured, HeadSettings(controller="none"))
         control.command(command)
-        reference = Control(MODEL, expected, HeadSettings())
+        reference = Control(MODEL, expected, HeadSettings(controller="none"))
         reference.command(GaitCommand(0, expected.name))
         np.testing.assert_allclose(_run(control, 1200)[-1], _run(reference, 1200)[-1], atol=1e-3)
 

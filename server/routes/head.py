@@ -13,7 +13,7 @@ from snakeslam.gaits.catalogue import ResolvedGait, resolve
 from snakeslam.gaits.command import commanded_gait
 from snakeslam.head.catalogue import HEAD_CATALOGUE, HeadEntry
 from snakeslam.head.command import MOST_TURN_DEG, commanded_head
-from snakeslam.head.laws import check
+from snakeslam.head.laws import check, effect
 from snakeslam.head.neck import most_neck_joints, neck_joints_of
 from snakeslam.head.settings import LEAST_NECK_JOINTS, HeadController, HeadSettings
 from snakeslam.messages import HeadCommand
@@ -84,7 +84,7 @@ def _entry_json(entry: HeadEntry, settings: HeadSettings, model: SnakeModel, gai
     return {
         "name": entry.name,
         "title": entry.title,
-        "summary": entry.summary,
+        "summary": effect(entry.name, gait),
         "steers": entry.steers,
         "available": reason is None,
         "reason": reason,

@@ -5,7 +5,7 @@ import numpy as np
 from snakeslam.gaits.blend import GaitBlend, Shape
 from snakeslam.gaits.catalogue import ResolvedGait
 from snakeslam.head.attitude import HeadAttitude
-from snakeslam.head.laws import HeadShape, steers_head
+from snakeslam.head.laws import HeadShape, feeds_back, steers_head
 from snakeslam.head.level import LevelNeck
 from snakeslam.head.line import HeadLine
 from snakeslam.head.neck import neck_joints_of, neck_of
@@ -48,11 +48,8 @@ class HeadControl:
         self.shape: Shape = HeadShape(settings.controller, model, self._neck)
 
     def feeds_back(self, gait: ResolvedGait) -> bool:
-        """Return whether the neck's targets come from here in this gait, not from the blend.
-
-        A rolling arc carries its raised head by the gait's own phase.
-        """
-        return self.settings.controller == "predictive" and gait.name != "arc_rolling"
+        """Return whether the neck's targets come from here in this gait, not from the blend."""
+        return feeds_back(self.settings.controller, gait)
 
     def steers(self, gait: ResolvedGait) -> bool:
         """Return whether the robot follows the head's line in this gait."""

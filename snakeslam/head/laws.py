@@ -4,6 +4,7 @@ They hold for the serpentine gait; every other gait keeps its own angles. The ga
 phi(s) = -alpha cos(b s + sigma), the mirror image of the paper's, with alpha = A_o / (2 sin(b l0)).
 """
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +14,8 @@ from snakeslam.gaits.catalogue import ResolvedGait
 from snakeslam.gaits.posture import posed_angles
 from snakeslam.gaits.serpenoid import alpha_from_amplitude
 from snakeslam.head import direction, position
-from snakeslam.head.neck import Neck, neck_joints_of, neck_of
+from snakeslam.head.catalogue import HEAD_CATALOGUE
+from snakeslam.head.neck import Neck, most_neck_joints, neck_joints_of, neck_of
 from snakeslam.head.settings import HeadController, HeadSettings
 from snakeslam.messages import Float
 from snakeslam.robot.model import SnakeModel
@@ -59,6 +61,20 @@ def steers_head(gait: ResolvedGait) -> bool:
     return gait.name == "serpentine"
 
 
+def feeds_back(controller: HeadController, gait: ResolvedGait) -> bool:
+    """Return whether the neck follows the estimate in this gait; a rolling arc carries its head by the gait's phase."""
+    return controller == "predictive" and gait.name != "arc_rolling"
+
+
+def effect(controller: HeadController, gait: ResolvedGait) -> str:
+    """Return in one sentence what a controller does in ``gait``."""
+    if controller == "none" or steers_head(gait):
+        return HEAD_CATALOGUE[controller].summary
+    if not feeds_back(controller, gait):
+        return "No effect in this gait: the head moves as the gait carries it."
+    return "Feedback keeps the head level and looking ahead" + (", but for its roll." if gait.rolls else ".")
+
+
 def neck_angles(controller: HeadController, gait: ResolvedGait, model: SnakeModel, neck: Neck, sigma: float) -> Float:
     """Return the angles of the neck's joints, (n,) rad; a turning gait's offset beta_o bends the neck as well."""
     wave, l0 = gait.shape, model.joint_length_m
@@ -88,6 +104,23 @@ def check(settings: HeadSettings, model: SnakeModel, gait: ResolvedGait) -> None
             f"{count} yaw joints would bend {np.rad2deg(largest):.0f} deg in this gait",
             f"at most {np.rad2deg(limit):.0f} deg: more neck joints, or less gait.alpha_pi",
         )
+
+
+def settled(settings: HeadSettings, model: SnakeModel, gait: ResolvedGait) -> HeadSettings:
+    """Return the settings with the neck's length filled in: the shortest from a third of the yaw joints that ``gait``
+    does not bend too far. InputError where there is none, or where the length given is too short.
+    """
+    if settings.neck_joints is not None:
+        check(settings, model, gait)
+        return settings
+    for count in range(neck_joints_of(settings, model), most_neck_joints(model)):
+        longer = settings.model_copy(update={"neck_joints": count})
+        with suppress(InputError):
+            check(longer, model, gait)
+            return longer
+    longest = settings.model_copy(update={"neck_joints": most_neck_joints(model)})
+    check(longest, model, gait)
+    return longest
 
 
 def largest_neck_angle(controller: HeadController, gait: ResolvedGait, model: SnakeModel, neck: Neck) -> float:

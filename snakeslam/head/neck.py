@@ -60,11 +60,6 @@ def neck_joints_of(settings: HeadSettings, model: SnakeModel) -> int:
     return usual if settings.neck_joints is None else settings.neck_joints
 
 
-def settled(settings: HeadSettings, model: SnakeModel) -> HeadSettings:
-    """Return the settings with nothing left open."""
-    return settings.model_copy(update={"neck_joints": neck_joints_of(settings, model)})
-
-
 def free_yaw_joints(model: SnakeModel) -> list[int]:
     """Return the yaw joints that may steer; a raised head freezes the one between its two pitch joints."""
     frozen = model.head_raise_joints[1] if model.head_posture == "raised" else None

@@ -13,6 +13,7 @@ from snakeslam.control import Control
 from snakeslam.errors import InputError
 from snakeslam.estimation.settings import Mode
 from snakeslam.gaits.catalogue import resolve
+from snakeslam.head.laws import feeds_back
 from snakeslam.robot.model import snake_model
 from snakeslam.studies.measures import MEASURES, MeasureName
 from snakeslam.studies.study_checks import check_study
@@ -121,6 +122,9 @@ def _point(
         config = override_config(config, [Override("run.duration_s", round(duration_s, 6), "duration")])
     except InputError as error:
         raise InputError(f"{path}: {words(chosen)}", f"{error.where}: {error.problem}", error.allowed) from error
+    if settings.estimator == "off" and _feeds_back(config):
+        allowed = "estimator: auto or on, or head.controller: none, direction or position"
+        raise InputError(f"{path}: estimator", "predictive head control, the default, feeds back the estimate", allowed)
     estimator = needs_estimator(settings, config)
     return Point(
         number, chosen, config, period_s, settings.measured_periods, settings.measure, estimator, settings.estimators
@@ -143,10 +147,14 @@ def _duration_s(settings: StudySettings, rest_s: float, period_s: float) -> floa
     return settings.duration_s
 
 
+def _feeds_back(config: Config) -> bool:
+    return feeds_back(config.head.controller, resolve(config.gait, snake_model(config.robot)))
+
+
 def needs_estimator(settings: StudySettings, config: Config) -> bool:
     """Return whether a run has camera and estimator."""
     if settings.estimators:
         return True
     if settings.estimator != "auto":
         return settings.estimator == "on"
-    return config.head.controller == "predictive" or any(MEASURES[name].estimated for name in settings.measure)
+    return _feeds_back(config) or any(MEASURES[name].estimated for name in settings.measure)

@@ -34,10 +34,6 @@ def _check_estimator(path: Path, settings: StudySettings) -> None:
     needing = next((name for name in settings.measure if MEASURES[name].estimated), None)
     if needing is not None:
         raise InputError(f"{path}: measure", f"{needing} needs the estimator", "estimator: auto, on")
-    cases = [case.get("head.controller") for case in settings.cases.values()]
-    controllers = [settings.settings.get("head.controller"), *settings.axes.get("head.controller", []), *cases]
-    if "predictive" in controllers:
-        raise InputError(f"{path}: estimator", "predictive control feeds back the estimate", "auto, on")
 
 
 def _check_estimators(path: Path, settings: StudySettings) -> None:

@@ -54,7 +54,7 @@ def _axis_rad(positions_W):
 @cache
 def _move(name, yaw_deg=0.0, drive=1.0, model_name="sim35", turn=0.0):
     model = PRESETS[model_name]
-    control = Control(model, GaitSettings(name=name, period_s=PERIOD_S), HeadSettings())
+    control = Control(model, GaitSettings(name=name, period_s=PERIOD_S), HeadSettings(controller="none"))
     control.command(GaitCommand(0, name, drive=drive, turn=turn))
     physics = SnakePhysics(model, PhysicsSettings(), T_W_base=lying_pose(model, yaw_rad=np.deg2rad(yaw_deg)))
     links_W, q_rad, dq_rad_s, targets_rad = [], [], [], []

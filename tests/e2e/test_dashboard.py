@@ -290,7 +290,7 @@ def test_the_way_back_to_the_simulator(page: Page, client: httpx.Client) -> None
     page.locator("#sim-start").click()
     expect(page.locator("#source")).to_contain_text("Simulator")
     poll(lambda: state(client)["session"], lambda session: session == "running", "the simulator again")
-    expect(page.locator("#session-state")).to_have_text("Moving")
+    expect(page.locator("#session-state")).to_have_text("At rest")
 
 
 def test_the_page_asks_nobody_else_and_has_no_errors(dashboard: Dashboard) -> None:

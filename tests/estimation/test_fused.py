@@ -281,7 +281,7 @@ def crawl(name: GaitName) -> Crawl:
     from snakeslam.head.settings import HeadSettings
 
     backend = SimBackend(MODEL, SimSettings(), seed=1, camera="none")
-    control = Control(MODEL, GaitSettings(name=name), HeadSettings())
+    control = Control(MODEL, GaitSettings(name=name), HeadSettings(controller="none"))
     packets: list[Packet] = []
     try:
         while backend.t_ns < DURATION_S * 1e9:

@@ -17,13 +17,13 @@ GAIT = resolve(GaitSettings(), MODEL)
 
 
 def wish(**command):
-    return commanded_head(HeadCommand(0, **command), HeadSettings(neck_joints=5), MODEL, GAIT)
+    return commanded_head(HeadCommand(0, **command), HeadSettings(controller="none", neck_joints=5), MODEL, GAIT)
 
 
 def test_what_is_not_asked_for_stays():
-    assert wish() == HeadSettings(neck_joints=5)
-    assert wish(controller="none") == HeadSettings(neck_joints=5)
-    assert wish(neck_joints=4) == HeadSettings(neck_joints=4)
+    assert wish() == HeadSettings(controller="none", neck_joints=5)
+    assert wish(controller="none") == HeadSettings(controller="none", neck_joints=5)
+    assert wish(neck_joints=4) == HeadSettings(controller="none", neck_joints=4)
 
 
 @pytest.mark.parametrize(

@@ -5,9 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from snakeslam.config import Config
+from snakeslam.control import Control
 from snakeslam.errors import InputError
-from snakeslam.gaits.catalogue import GaitSettings, resolve
-from snakeslam.head.laws import HeadShape, check, largest_neck_angle
+from snakeslam.gaits.catalogue import CATALOGUE, GaitSettings, resolve
+from snakeslam.head.laws import HeadShape, check, effect, feeds_back, largest_neck_angle, settled
 from snakeslam.head.neck import free_yaw_joints, neck_of
 from snakeslam.head.settings import HeadSettings
 from snakeslam.robot.model import PRESETS
@@ -91,3 +93,29 @@ def test_a_raised_neck_keeps_its_posture():
     np.testing.assert_array_equal(q_rad[joints], RAISED.rest_q_rad[joints])
     np.testing.assert_array_equal(slope[joints], 0.0)
     assert replace(RAISED, head_posture="flat") == FLAT
+
+
+@pytest.mark.parametrize("model", PRESETS)
+@pytest.mark.parametrize("gait", CATALOGUE)
+def test_the_default_head_control_is_predictive_and_no_gait_refuses_it(model, gait):
+    """A gait that has no predictive control plays as without it, and the page says so."""
+    config, robot = Config(), PRESETS[model]
+    assert config.head.controller == "predictive"
+    control = Control(robot, GaitSettings(name=gait), config.head)
+    assert control.head.controller == "predictive"
+    resolved = resolve(GaitSettings(name=gait), robot)
+    assert feeds_back("predictive", resolved) == (gait != "arc_rolling")
+    assert effect("predictive", resolved).startswith("No effect") == (gait == "arc_rolling")
+
+
+def test_a_neck_whose_length_is_left_open_is_long_enough_for_the_gait():
+    """The short robot in long waves: four joints, its usual neck, would have to bend by 101 degrees."""
+    short = PRESETS["orthogonal24"]
+    wide = resolve(GaitSettings(alpha_pi=0.5, wavelength_joints=40), short)
+    with pytest.raises(InputError, match="4 yaw joints would bend 101 deg"):
+        settled(HeadSettings(neck_joints=4), short, wide)
+    count = settled(HeadSettings(), short, wide).neck_joints
+    assert count is not None
+    assert count > 4
+    check(HeadSettings(neck_joints=count), short, wide)
+    assert settled(HeadSettings(), short, resolve(GaitSettings(), short)).neck_joints == 4

@@ -21,7 +21,7 @@ PERIOD_S = 2.5
 def _crawl(gait, ratio):
     """Joints, rates and the head's true motion over the second period, at 20 Hz."""
     physics = SnakePhysics(MODEL, PhysicsSettings(), ratio, pose_with_head_at(MODEL, 0.0, 0.0))
-    control = Control(MODEL, GaitSettings(name=gait, period_s=PERIOD_S), HeadSettings())
+    control = Control(MODEL, GaitSettings(name=gait, period_s=PERIOD_S), HeadSettings(controller="none"))
     control.command(GaitCommand(0, gait))
     seen = []
     for k in range(round(2 * PERIOD_S * 100)):

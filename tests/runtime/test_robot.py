@@ -133,7 +133,7 @@ def test_the_head_is_set_while_moving_and_told() -> None:
     bench.take(Start())
     bench.steps(200)
     bench.take(SetHead(HeadCommand(0, "none", neck_joints=5)))
-    assert bench.tick.head_settings == HeadSettings(neck_joints=5)
+    assert bench.tick.head_settings == HeadSettings(controller="none", neck_joints=5)
     assert bench.tick.refusals == ()
     assert ("info", "neck of 5 yaw joints") in events(bench)
     assert bench.tick.moving

@@ -32,7 +32,7 @@ def next_available(found: dict) -> str:
 
 def test_what_there_is_and_what_is_in_force(client: httpx.Client) -> None:
     found = client.get(HEAD).json()
-    assert found["current"] == state(client)["head_control"] == {"controller": "none", "neck_joints": 4}
+    assert found["current"] == state(client)["head_control"] == {"controller": "predictive", "neck_joints": 4}
     assert [entry["name"] for entry in found["controllers"]] == ["none", "direction", "position", "predictive"]
     for entry in found["controllers"]:
         assert entry["title"]
@@ -120,7 +120,7 @@ def test_a_stranger_may_not(server: Running) -> None:
 
 
 def test_the_telemetry_carries_the_same(server: Running, client: httpx.Client) -> None:
-    client.put(HEAD, json={"neck_joints": 4}).raise_for_status()
+    client.put(HEAD, json={"controller": "predictive", "neck_joints": 4}).raise_for_status()
     headers = {"Authorization": f"Bearer {TOKEN}"}
     with connect(f"{server.websocket}/api/v1/telemetry", additional_headers=headers) as stream:
         first = json.loads(stream.recv(timeout=30))
@@ -128,7 +128,7 @@ def test_the_telemetry_carries_the_same(server: Running, client: httpx.Client) -
         while tick["type"] != "tick":
             raw = stream.recv(timeout=30)
             tick = json.loads(raw) if isinstance(raw, str) else tick
-    assert first["head_control"] == tick["head_control"] == {"controller": "none", "neck_joints": 4}
+    assert first["head_control"] == tick["head_control"] == {"controller": "predictive", "neck_joints": 4}
     assert set(first["head"]) == set(tick["head"]) == STILLNESS
     assert first["notice"] is None
     client.put(HEAD, json={"neck_joints": 6}).raise_for_status()

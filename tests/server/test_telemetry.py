@@ -56,7 +56,7 @@ def test_state_comes_first_and_ticks_follow_at_no_more_than_20_hz(server: Runnin
     assert all(a["t_s"] < b["t_s"] for a, b in pairwise(ticks))
     tick = ticks[-1]
     assert len(tick["q_target"]) == len(tick["q_measured"]) == 24
-    assert tick["head_control"] == {"controller": "none", "neck_joints": 4}
+    assert tick["head_control"] == {"controller": "predictive", "neck_joints": 4}
     assert {"yaw_deg", "yaw_rms_deg", "yaw_rate_deg_s", "peak_yaw_rate_deg_s", "sway_m"} <= set(tick["head"])
     assert tick["map_points"] > 0
     assert tick["error_m"] < 0.05

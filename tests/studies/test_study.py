@@ -145,7 +145,11 @@ MISTAKES: list[tuple[Changes, str]] = [
     ),
     (
         lambda tree: tree.update(estimator="off") or tree["axes"]["head.controller"].append("predictive"),
-        "tiny.yaml: estimator: predictive control feeds back the estimate (allowed: auto, on)",
+        "tiny.yaml: estimator: predictive head control, the default, feeds back the estimate (allowed: estimator: auto",
+    ),
+    (
+        lambda tree: tree.update(estimator="off", figures=[]) or tree["axes"].pop("head.controller"),
+        "tiny.yaml: estimator: predictive head control, the default, feeds back the estimate (allowed: estimator: auto",
     ),
     (set_in("base", to="none.yaml"), "none.yaml: no such configuration file"),
     (set_in("figures", to=[{"name": "a b", "kind": "curves"}]), "tiny.yaml: figures.0.name: 'a b' is not possible"),

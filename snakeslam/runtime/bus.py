@@ -20,6 +20,7 @@ import zenoh
 from snakeslam.errors import SnakeslamError
 from snakeslam.runtime.codec import WireError, decode, encode
 from snakeslam.runtime.link import UNIX, Link
+from snakeslam.runtime.log_limit import LogLimit, error_words
 from snakeslam.runtime.topics import Topic
 
 T = TypeVar("T")
@@ -53,6 +54,7 @@ class _Outlet(Generic[T]):
         self._changed = threading.Condition()
         self._waiting: deque[T] = deque(maxlen=1 if topic.policy == "newest" else KEPT)
         self._lost = 0
+        self._limit = LogLimit()
         self._closing = False
         self._thread = threading.Thread(target=self._send_all, name=f"bus {topic.name}", daemon=True)
         self._thread.start()
@@ -75,10 +77,16 @@ class _Outlet(Generic[T]):
             for message in batch:
                 try:
                     self._publisher.put(encode(message))
-                except zenoh.ZError as error:
+                except Exception as error:  # noqa: BLE001  (one message that cannot be sent must not end the topic)
                     if self._closing:
                         return
-                    _log.warning("not sent", topic=self._topic.name, reason=_first_line(error))
+                    self._log_unsent(error)
+
+    def _log_unsent(self, error: Exception) -> None:
+        left_out = self._limit.due("not sent")
+        if left_out is not None:
+            reason = _first_line(error) if isinstance(error, zenoh.ZError) else error_words(error)
+            _log.warning("not sent", topic=self._topic.name, reason=reason, left_out=left_out)
 
     def _next(self) -> list[T] | None:
         """Wait for something to send; None at the end."""
@@ -86,9 +94,10 @@ class _Outlet(Generic[T]):
             self._changed.wait_for(lambda: self._waiting or self._closing)
             if not self._waiting:
                 return None
-            if self._lost:
+            if self._lost and self._limit.due("lost") is not None:
                 _log.warning("lost, the link is too slow", topic=self._topic.name, messages=self._lost)
-            batch, self._lost = list(self._waiting), 0
+                self._lost = 0
+            batch = list(self._waiting)
             self._waiting.clear()
             return batch
 
@@ -117,15 +126,19 @@ class Bus:
         outlet.put(message)
 
     def subscribe(self, topic: Topic[T], take: Callable[[T], None]) -> None:
-        """Have every message of ``topic`` from now on; what is no message is dropped and told."""
+        """Have every message of ``topic`` from now on; what is no message is dropped and logged."""
+        limit = LogLimit()
 
         def on_sample(sample: Any) -> None:
             try:
-                message = decode(topic.type, sample.payload.to_bytes())
+                take(decode(topic.type, sample.payload.to_bytes()))
             except WireError as error:
-                _log.warning("dropped", topic=topic.name, reason=str(error))
-                return
-            take(message)
+                if (left_out := limit.due("dropped")) is not None:
+                    _log.warning("dropped", topic=topic.name, reason=str(error), left_out=left_out)
+            except Exception as error:  # noqa: BLE001  (the bus's thread serves other messages and topics)
+                if (left_out := limit.due("failed")) is not None:
+                    reason = error_words(error)
+                    _log.error("not handled", topic=topic.name, reason=reason, left_out=left_out, exc_info=error)
 
         self._subscribers.append(self._session.declare_subscriber(f"{PREFIX}/{topic.name}", on_sample))
 

@@ -57,7 +57,7 @@ class Guard:
 
     def start_at(self, q_rad: Float) -> None:
         """Tell the measured angles (N,) before the first step, from which targets are then approached."""
-        if self._follower is None and np.all(np.isfinite(q_rad)):
+        if self._follower is None and q_rad.ndim == 1 and np.all(np.isfinite(q_rad)):
             self._follower = LimitedFollower(self._limits, q_rad)
 
     def latch(self, reason: str) -> None:
@@ -83,12 +83,22 @@ class Guard:
     def step(self, target: JointTarget) -> JointTarget:
         """Return what the robot gets instead of ``target``, one control period (10 ms) later than the last."""
         asked_rad = target.q_rad
-        if not np.all(np.isfinite(asked_rad)):
+        if not np.all(np.isfinite(asked_rad)) or not self._fits(asked_rad):
             self.hold(NOT_FINITE)
             asked_rad = np.zeros_like(asked_rad) if self._follower is None else self._follower.q_rad
         if self._follower is None:
             self._follower = LimitedFollower(self._limits, asked_rad)
         return JointTarget(target.t_ns, self._next(self._follower, asked_rad), target.head_roll_rad)
+
+    def _fits(self, asked_rad: Float) -> bool:
+        """Whether there is an angle for each joint: the compiled follower would read beyond a shorter array."""
+        return self._follower is None or asked_rad.shape == self._follower.q_rad.shape
+
+    def brake(self, t_ns: int) -> JointTarget | None:
+        """Return the next target of a hold, for when control has none; None before the first measured angles."""
+        if self._follower is None:
+            return None
+        return JointTarget(t_ns, self._follower.brake(STEP_S))
 
     def _next(self, follower: LimitedFollower, asked_rad: Float) -> Float:
         if self._phase is _Phase.HOLD:

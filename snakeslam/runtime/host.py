@@ -7,6 +7,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import monotonic
 
+import structlog
+
 from snakeslam.calibration import SensorRig
 from snakeslam.errors import SnakeslamError
 from snakeslam.messages import MapChunk
@@ -15,6 +17,7 @@ from snakeslam.runtime import compose
 from snakeslam.runtime.bus import Bus
 from snakeslam.runtime.clock import RobotClock
 from snakeslam.runtime.link import Link, unix_endpoint
+from snakeslam.runtime.log_limit import LogLimit, error_words
 from snakeslam.runtime.node import Child, spawn
 from snakeslam.runtime.orders import Sender
 from snakeslam.runtime.pipe_host import Host, PipeHost, Put
@@ -53,6 +56,7 @@ END_S = 2.0
 SILENT_S = 1.0
 SLOWEST_PULSE_S = 1.0
 
+_log = structlog.get_logger("host")
 SILENT_ROBOT, BACK = "the robot node is silent: nothing is known of the robot", "the robot node is heard again"
 
 
@@ -157,9 +161,9 @@ class NodesHost:
     def _meet(self, link: Link) -> None:
         try:
             bus = Bus(link, timeout_s=float("inf"), wanted=lambda: not self._over.is_set())
-        except SnakeslamError as error:
+        except Exception as error:  # noqa: BLE001  (a thread that ends silently would leave the session starting)
             if not self._over.is_set():
-                self._put(Ended(str(error)))
+                self._put(Ended(str(error) if isinstance(error, SnakeslamError) else error_words(error)))
             return
         bus.subscribe(HELLO, self._on_hello)
         bus.subscribe(ROBOT_STATE, self._on_robot)
@@ -169,11 +173,19 @@ class NodesHost:
         self._bus = bus
 
     def _beat_on(self) -> None:
+        limit = LogLimit()
         while not self._over.wait(BEAT_S):
-            self._judge_silence()
-            bus, now_ns = self._bus, self._clock.now_ns()
-            if bus is not None and now_ns is not None and monotonic() - self._pulse_s < SLOWEST_PULSE_S:
-                bus.publish(SERVER_BEAT, Beat(self._sender.name, now_ns))
+            try:
+                self._beat()
+            except Exception as error:  # noqa: BLE001  (the next heartbeat may do)
+                if (left_out := limit.due("heartbeat")) is not None:
+                    _log.error("no heartbeat", reason=error_words(error), left_out=left_out)
+
+    def _beat(self) -> None:
+        self._judge_silence()
+        bus, now_ns = self._bus, self._clock.now_ns()
+        if bus is not None and now_ns is not None and monotonic() - self._pulse_s < SLOWEST_PULSE_S:
+            bus.publish(SERVER_BEAT, Beat(self._sender.name, now_ns))
 
     def _judge_silence(self) -> None:
         with self._lock:

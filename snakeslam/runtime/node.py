@@ -11,13 +11,25 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
-from snakeslam.errors import SnakeslamError
+import structlog
+
+from snakeslam.errors import InputError, SnakeslamError
+from snakeslam.runtime.log_limit import LogLimit, error_words
 from snakeslam.runtime.logs import log_to_stderr
 from snakeslam.runtime.priority import go_along
 from snakeslam.threads import use_one_thread
 
 POLL_S = 0.05
+_log = structlog.get_logger("node")
 JOIN_S = 2.5
+
+
+@dataclass(frozen=True, slots=True)
+class LastWord:
+    """Why a node ended; ``final`` where another start with the same settings would only end the same way."""
+
+    reason: str
+    final: bool
 
 
 class Life:
@@ -48,12 +60,30 @@ class Life:
         self._over.set()
 
 
+def run_beside(name: str, life: Life, do: Callable[[], None]) -> threading.Thread:
+    """Call ``do``, which waits by itself, again and again in a thread until the life ends; an error is logged."""
+
+    def run() -> None:
+        limit = LogLimit()
+        while not life.over:
+            try:
+                do()
+            except Exception as error:  # noqa: BLE001  (a thread that ends silently would be missed by nobody)
+                if (left_out := limit.due(name)) is not None:
+                    _log.error("failed", thread=name, reason=error_words(error), left_out=left_out, exc_info=error)
+                life.wait(POLL_S)
+
+    thread = threading.Thread(target=run, name=name, daemon=True)
+    thread.start()
+    return thread
+
+
 @dataclass(frozen=True, slots=True)
 class Child:
     """A node's process, and the pipe over which it says why it ended; closing the pipe ends it."""
 
     process: BaseProcess
-    pipe: "Connection[None, str]"
+    pipe: "Connection[None, LastWord]"
 
     def stop(self) -> None:
         """Ask it to end, then insist."""
@@ -75,7 +105,7 @@ def spawn(name: str, run: Callable[..., None], *arguments: Any) -> Child:
     return Child(process, ours)
 
 
-def _run_child(run: Callable[..., None], arguments: tuple[Any, ...], pipe: "Connection[str, None]") -> None:
+def _run_child(run: Callable[..., None], arguments: tuple[Any, ...], pipe: "Connection[LastWord, None]") -> None:
     # Ctrl-C reaches the whole terminal group; the parent decides when its nodes end.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     go_along()
@@ -84,10 +114,12 @@ def _run_child(run: Callable[..., None], arguments: tuple[Any, ...], pipe: "Conn
     life = Life(pipe)
     try:
         run(*arguments, life)
+    except InputError as error:
+        _send(pipe, LastWord(str(error), final=True))
     except SnakeslamError as error:
-        _last_word(pipe, str(error))
+        _send(pipe, LastWord(str(error), final=False))
     except BaseException as error:
-        _last_word(pipe, " ".join(f"{type(error).__name__}: {error}".split()))
+        _send(pipe, LastWord(error_words(error), final=False))
         raise
 
 
@@ -97,9 +129,9 @@ def _show_name() -> None:
         Path("/proc/self/comm").write_text(multiprocessing.current_process().name)
 
 
-def _last_word(pipe: "Connection[str, None]", reason: str) -> None:
+def _send(pipe: "Connection[LastWord, None]", word: LastWord) -> None:
     try:
-        pipe.send(reason)
+        pipe.send(word)
     except OSError:
         return  # The parent is gone.
 

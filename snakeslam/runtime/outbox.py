@@ -4,9 +4,13 @@ import threading
 from collections import deque
 from multiprocessing.connection import Connection
 
+import structlog
+
+from snakeslam.runtime.log_limit import error_words
 from snakeslam.runtime.topics import Event, Features, Picture, Report, Tick
 
 MAX_EVENTS = 500
+_log = structlog.get_logger("session")
 
 
 class Outbox:
@@ -46,12 +50,14 @@ class Outbox:
         self._thread.join(timeout_s)
 
     def _send_all(self) -> None:
-        try:
-            while (batch := self._next()) is not None:
-                for report in batch:
+        while (batch := self._next()) is not None:
+            for report in batch:
+                try:
                     self._pipe.send(report)
-        except (BrokenPipeError, ConnectionResetError):
-            return  # The reader is gone: the loop sees it by `broken`.
+                except OSError:
+                    return  # The reader is gone: the loop sees it by `broken`.
+                except Exception as error:  # noqa: BLE001  (one report that cannot be sent must not end the others)
+                    _log.error("report not sent", kind=type(report).__name__, reason=error_words(error))
 
     def _next(self) -> list[Report] | None:
         """Wait for reports; None at the end."""

@@ -7,6 +7,7 @@ from multiprocessing.connection import Connection
 from queue import SimpleQueue
 from typing import Any, Protocol
 
+from snakeslam.runtime.log_limit import error_words
 from snakeslam.runtime.session import start_session
 from snakeslam.runtime.spec import SessionSpec
 from snakeslam.runtime.topics import Command, Ended, Report, Shutdown
@@ -98,6 +99,11 @@ class PipeHost:
                 put(report)
         except (EOFError, OSError):
             pipe.close()
+        except Exception as error:  # noqa: BLE001  (what cannot be read ends the session, and says so)
+            pipe.close()
+            if not ended:
+                put(Ended(f"the session's reports cannot be read: {error_words(error)}"))
+            return
         if not ended:
             self._process.join(END_S)
             code = self._process.exitcode

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import structlog
 
 from snakeslam.backends.base import Backend
 from snakeslam.config import Config
@@ -28,6 +29,7 @@ from snakeslam.messages import (
 from snakeslam.runtime.answers import Answers
 from snakeslam.runtime.assembly import build_governor
 from snakeslam.runtime.driving import SILENT_HAND, Driving
+from snakeslam.runtime.log_limit import LogLimit, error_words
 from snakeslam.runtime.pacing import Pacer
 from snakeslam.runtime.safety import LOST, Safety
 from snakeslam.runtime.topics import (
@@ -44,6 +46,8 @@ from snakeslam.runtime.topics import (
 )
 from snakeslam.runtime.wire import Estimate, Order, Sensors
 from snakeslam.runtime.words import head_words
+
+_log = structlog.get_logger("robot")
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,11 +100,20 @@ class Robot:
         self._target: JointTarget | None = None
         self._seq = 0
         self._held: str | None = None
+        self._estop_told = estop_reason is not None
+        self._limit = LogLimit()
         self._judge_gait()
 
     def obey(self, order: Order, command: Command, now_ns: int) -> str | None:
-        """Obey a command at once, or return why not; the next joint target already does."""
-        refusal = self.safety.judge(order, command, now_ns) or self.take(command, now_ns)
+        """Obey a command at once, or return why not; the next joint target already does.
+
+        An error on the way is a hold, and the answer says so.
+        """
+        try:
+            refusal = self.safety.judge(order, command, now_ns) or self.take(command, now_ns)
+        except Exception as error:  # noqa: BLE001
+            self.fault(command_words(command), error)
+            refusal = f"it failed: {error_words(error)}"
         self._answers.note(order, refusal)
         # Who drives repeats it many times a second, and hears of each refusal anyway.
         if refusal is not None and not isinstance(command, Drive):
@@ -116,7 +129,7 @@ class Robot:
 
     def _do(self, command: Command, now_ns: int) -> str | None:
         if isinstance(command, EStop):
-            self._estop(command.reason)
+            self.estop(command.reason)
         elif isinstance(command, ResetEStop):
             self._reset()
         elif isinstance(command, SetGait):
@@ -145,11 +158,9 @@ class Robot:
             self._autostart(now_ns)
         if self._driving.silent(now_ns):
             # A hold, for the operator is lost: as quick as the joints can. Whoever drives on moves again.
-            self._rest()
             self.safety.guard.hold(SILENT_HAND)
-        asked = self._control.step(self.backend.t_ns, self._joints, self._pose, self._imu)
-        measured = None if self._joints is None else self._joints.q_rad
-        target = self._target = self.safety.step(asked, now_ns, measured)
+            self._rest()
+        target = self._target = self._next_target(now_ns)
         self._notice_hold()
         packets = self.backend.step(target)
         if packets is None:
@@ -158,8 +169,32 @@ class Robot:
 
     def stop_now(self, reason: str) -> None:
         """Ramp to a hold, as when the node ends."""
-        self.safety.guard.hold(reason)
+        self.safety.hold(reason)
         self._autostart_ns = None
+
+    def fault(self, what: str, error: Exception) -> None:
+        """Hold the robot because ``what`` has failed, and report it; never raises: the brake ramp goes out after."""
+        reason = f"{what} failed: {error_words(error)}"
+        reported = self.safety.guard.held_because is None
+        self.stop_now(reason)
+        left_out = self._limit.due(what)
+        if left_out is None:
+            return
+        _log.error("held", reason=reason, left_out=left_out, exc_info=error)
+        if not reported:  # else the hold itself is reported, at the next step
+            self._say("error", reason)
+
+    def estop(self, reason: str) -> None:
+        """Latch the E-stop, then let control come to rest and report it."""
+        self.safety.latch(reason)
+        self._autostart_ns = None
+        if self._estop_told:
+            return
+        self._estop_told = True
+        self._driving.hold()
+        self._held = self.safety.guard.held_because
+        self._say("error", f"E-stop: {reason}")
+        self._command(0.0)
 
     def state(self, now_ns: int) -> RobotState:
         """Return the newest state."""
@@ -182,7 +217,7 @@ class Robot:
             answers=self._answers.all(),
         )
 
-    def _sorted(self, packets: Sequence[Packet], target: JointTarget, stamp_ns: int) -> Step:
+    def _sorted(self, packets: Sequence[Packet], target: JointTarget | None, stamp_ns: int) -> Step:
         imu = tuple(packet for packet in packets if isinstance(packet, ImuSample))
         joints = [packet for packet in packets if isinstance(packet, JointState)]
         self._imu = imu[-1] if imu else self._imu
@@ -192,17 +227,20 @@ class Robot:
         self._seq += 1
         return Step(sensors, tuple(packet for packet in packets if isinstance(packet, CameraFrame)))
 
-    def _estop(self, reason: str) -> None:
-        self._autostart_ns = None
-        if self.safety.estop_reason is not None:
-            return
-        self.safety.latch(reason)
-        self._driving.hold()
-        self._command(0.0)
-        self._held = reason
-        self._say("error", f"E-stop: {reason}")
+    def _next_target(self, now_ns: int) -> JointTarget | None:
+        """Return what the servos get: control's target as far as safety lets it through, the brake ramp if it fails."""
+        try:
+            asked = self._control.step(self.backend.t_ns, self._joints, self._pose, self._imu)
+            if asked.q_rad.shape != (self._model.joint_count,):
+                raise ValueError(f"targets of shape {asked.q_rad.shape} for {self._model.joint_count} joints")
+            measured = None if self._joints is None else self._joints.q_rad
+            return self.safety.step(asked, now_ns, measured)
+        except Exception as error:  # noqa: BLE001
+            self.fault("control", error)
+            return self.safety.brake(self.backend.t_ns)
 
     def _reset(self) -> None:
+        self._estop_told = False
         if self.safety.estop_reason is not None:
             self.safety.reset()
             self._say("info", "E-stop cleared; start to move again")
@@ -262,8 +300,11 @@ class Robot:
             return
         self._held = held
         self._driving.hold()
-        self._command(0.0)
         self._say("error", f"held: {held}; start to move again")
+        try:
+            self._command(0.0)
+        except Exception as error:  # noqa: BLE001
+            self.fault("control", error)
 
     def _command(self, drive: float, gait: GaitCommand | None = None) -> None:
         """Command ``gait`` (else the one there is); InputError, and no change, where it cannot be done."""
@@ -285,7 +326,12 @@ class Robot:
             self._say("info", text)
 
     def _say(self, level: str, text: str) -> None:
-        self._put(Event(self.backend.t_ns, level, text))
+        """Report an event; words that cannot be sent must not keep the robot from what it does."""
+        try:
+            self._put(Event(self.backend.t_ns, level, text))
+        except Exception as error:  # noqa: BLE001
+            if self._limit.due("event") is not None:
+                _log.error("event not sent", text=text, reason=error_words(error))
 
 
 def command_words(command: Command) -> str:

@@ -1,9 +1,10 @@
 """The robot node: the robot's loop in real time, on the bus; the simulator's camera is a process beside it."""
 
-import threading
 from collections import deque
-from contextlib import closing
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable
+from contextlib import closing, suppress
+from dataclasses import replace
+from functools import partial
 from time import monotonic, monotonic_ns
 from uuid import uuid4
 
@@ -16,77 +17,33 @@ from snakeslam.runtime.assembly import build_backend, build_control, build_simul
 from snakeslam.runtime.bus import Bus
 from snakeslam.runtime.camera_node import camera_process
 from snakeslam.runtime.codec import WireError
+from snakeslam.runtime.inbox import Inbox, drain
 from snakeslam.runtime.link import Link
+from snakeslam.runtime.log_limit import LogLimit
 from snakeslam.runtime.node import Life
 from snakeslam.runtime.orders import command_of
 from snakeslam.runtime.priority import go_first
-from snakeslam.runtime.robot import Robot
+from snakeslam.runtime.robot import Robot, Step
 from snakeslam.runtime.robot_time import RobotTime
-from snakeslam.runtime.safety import SERVER, SLAM
+from snakeslam.runtime.safety import SLAM
 from snakeslam.runtime.spec import SessionSpec
 from snakeslam.runtime.supervisor import Supervisor
-from snakeslam.runtime.topics import (
-    CAMERA_READY,
-    ESTIMATES,
-    ESTOP,
-    EXPOSURES,
-    FRAMES,
-    HELLO,
-    ORDERS,
-    ROBOT_EVENTS,
-    ROBOT_STATE,
-    SENSORS,
-    SERVER_BEAT,
-    SLAM_BEAT,
-    EStop,
-    Event,
-)
-from snakeslam.runtime.wire import Beat, Estimate, Exposure, Hello, Order
+from snakeslam.runtime.topics import EXPOSURES, FRAMES, HELLO, ROBOT_EVENTS, ROBOT_STATE, SENSORS, EStop, Event
+from snakeslam.runtime.wire import Beat, Exposure, Hello, Order
 
 STATE_S, HELLO_S, LAST_HOLD_S = 0.05, 0.2, 0.4
 LAG_NS, PATIENCE_S, FIRST_PATIENCE_S = 300_000_000, 1.0, 20.0
 """A simulator that is this far ahead of slam's pictures waits, as long as slam gets on within PATIENCE_S; for slam and
 its camera to be there at all, and for the first picture, it waits FIRST_PATIENCE_S."""
-ORDERS_KEPT = 256
+STEP_S = 0.01
 _log = structlog.get_logger("robot")
 
 
-@dataclass(slots=True)
-class Inbox:
-    """What came from the bus and has not been taken; filled in the bus's threads."""
-
-    wake: threading.Event
-    urgent: deque[Order]
-    orders: deque[Order]
-    beats: deque[tuple[str, Beat]]
-    estimates: deque[Estimate]
-    camera: threading.Event = field(default_factory=threading.Event)
-
-    def put_urgent(self, order: Order) -> None:
-        """Take an E-stop."""
-        self.urgent.append(order)
-        self.wake.set()
-
-    def put_order(self, order: Order) -> None:
-        """Take a command."""
-        self.orders.append(order)
-        self.wake.set()
-
-
-def _inbox(bus: Bus) -> Inbox:
-    orders, beats = deque[Order](maxlen=ORDERS_KEPT), deque[tuple[str, Beat]](maxlen=ORDERS_KEPT)
-    inbox = Inbox(threading.Event(), deque(), orders, beats, deque(maxlen=1))
-    bus.subscribe(ESTOP, inbox.put_urgent)
-    bus.subscribe(ORDERS, inbox.put_order)
-    bus.subscribe(SERVER_BEAT, lambda beat: inbox.beats.append((SERVER, beat)))
-    bus.subscribe(SLAM_BEAT, lambda beat: inbox.beats.append((SLAM, beat)))
-    bus.subscribe(ESTIMATES, inbox.estimates.append)
-    bus.subscribe(CAMERA_READY, lambda _: inbox.camera.set())
-    return inbox
-
-
 class RobotNode:
-    """One robot on one bus; ``turn`` does what is due and says how long nothing is.
+    """One robot on one bus; ``turn`` does what is due.
+
+    Whatever fails on the way (a message, control, publishing) holds the robot and is reported, and the loop goes on:
+    the brake ramp is made by it. Only a backend that fails for as long as a hold takes ends it.
 
     With a ``camera`` in a process of its own the simulator does not begin before it: it would miss the first pictures.
     """
@@ -95,7 +52,10 @@ class RobotNode:
         self, robot: Robot, bus: Bus, hello: Hello, camera: bool = False, deaths: deque[str] | None = None
     ) -> None:
         self._robot, self._bus, self._hello = robot, bus, hello
-        self._inbox, self._time = _inbox(bus), RobotTime(simulated=hello.simulated)
+        self._inbox, self._time = Inbox(), RobotTime(simulated=hello.simulated)
+        self._inbox.subscribe(bus)
+        self._limit = LogLimit()
+        self._failing_since_s: float | None = None
         self._camera, self._slam_there = camera, False
         self._deaths = deque[str]() if deaths is None else deaths
         self._due_s = self._state_s = self._hello_s = monotonic()
@@ -106,79 +66,120 @@ class RobotNode:
         """Wait for commands until the next control period, then do it; False at the backend's end."""
         self._inbox.wake.wait(max(0.0, self._due_s - monotonic()))
         self._inbox.wake.clear()
-        self._robot.safety.turn(monotonic_ns())
-        self._time.turn(monotonic_ns(), self._robot.backend.t_ns)
+        self._latch()
+        self._guarded("the clock", self._note_time)
         self._take()
-        self._tell_deaths()
+        self._guarded("publishing", self._tell_deaths)
         now_s = monotonic()
         if now_s >= self._due_s and not self._slam_lags(now_s):
+            self._due_s = now_s + STEP_S
             if not self._step():
                 return False
-            self._due_s = monotonic() + self._robot.pacer.wait_s(self._robot.backend.t_ns)
         elif now_s >= self._due_s:
             self._due_s = now_s + 0.005
         if now_s >= self._state_s:
             self.report()
         if now_s >= self._hello_s:
             self._hello_s = now_s + HELLO_S
-            self._bus.publish(HELLO, self._newest_hello())
+            self._guarded("publishing", lambda: self._bus.publish(HELLO, self._newest_hello()))
         return True
 
     def report(self) -> None:
         """Publish the state now."""
         self._state_s = monotonic() + STATE_S
-        self._bus.publish(ROBOT_STATE, self._robot.state(monotonic_ns()))
+        self._guarded("publishing", lambda: self._bus.publish(ROBOT_STATE, self._robot.state(monotonic_ns())))
+
+    def _guarded(self, what: str, do: Callable[[], None]) -> None:
+        """Do it; an error holds the robot instead of ending the loop."""
+        try:
+            do()
+        except Exception as error:  # noqa: BLE001
+            self._robot.fault(what, error)
+
+    def _note_time(self) -> None:
+        self._robot.safety.turn(monotonic_ns())
+        self._time.turn(monotonic_ns(), self._robot.backend.t_ns)
 
     def _newest_hello(self) -> Hello:
         robot = self._robot
         return replace(self._hello, stamp_ns=monotonic_ns(), t_ns=robot.backend.t_ns, last_pose=robot.last_pose)
 
-    def _take(self) -> None:
-        """Take what came: E-stops first, and at most as many commands as fit into the queue."""
-        answered = False
-        for queue in (self._inbox.urgent, self._inbox.orders):
-            for _ in range(len(queue)):
-                self._obey(queue.popleft())
-                answered = True
-                while self._inbox.urgent:
-                    self._obey(self._inbox.urgent.popleft())
-        for _ in range(len(self._inbox.beats)):
-            name, beat = self._inbox.beats.popleft()
-            clock_ns = monotonic_ns()
-            stamp_ns = self._time.of_stamp(beat.stamp_ns, clock_ns)
-            self._robot.safety.beat(name, stamp_ns, self._time.at(clock_ns))
-            if name == SLAM:
-                self._robot.safety.report_missing(SLAM, beat.missing)
-                self._note_progress(beat)
-        if self._inbox.estimates:
-            self._robot.hear(self._inbox.estimates.popleft())
-        if answered:
+    def _latch(self) -> None:
+        """Handle the E-stops that have come: all are latched before anything else is done with the first."""
+        orders = drain(self._inbox.urgent)
+        for order in orders:
+            if order.kind == EStop.__name__:
+                self._robot.safety.latch(order.reason or "E-stop")
+        for order in orders:
+            if order.kind == EStop.__name__:
+                self._guarded("an E-stop", partial(self._obey, order))
+            else:
+                self._drop(f"{order.kind!r} is no E-stop")
+        if orders:
             self.report()
+
+    def _take(self) -> None:
+        """Handle what has come, each message by itself; an E-stop that comes meanwhile goes first."""
+        orders = drain(self._inbox.orders)
+        for order in orders:
+            if self._inbox.urgent:
+                self._latch()
+            self._guarded("a command", partial(self._obey, order))
+        for name, beat in drain(self._inbox.beats):
+            self._guarded("a heartbeat", partial(self._on_beat, name, beat))
+        for estimate in drain(self._inbox.estimates):
+            self._guarded("an estimate", partial(self._robot.hear, estimate))
+        if orders:
+            self.report()
+
+    def _on_beat(self, name: str, beat: Beat) -> None:
+        clock_ns = monotonic_ns()
+        stamp_ns = self._time.of_stamp(beat.stamp_ns, clock_ns)
+        self._robot.safety.beat(name, stamp_ns, self._time.at(clock_ns))
+        if name == SLAM:
+            self._robot.safety.report_missing(SLAM, beat.missing)
+            self._note_progress(beat)
 
     def _obey(self, order: Order) -> None:
         try:
             command = command_of(order)
         except WireError as error:
-            _log.warning("dropped", reason=str(error))
+            self._drop(str(error))
             return
         clock_ns = monotonic_ns()
         order = replace(order, stamp_ns=self._time.of_stamp(order.stamp_ns, clock_ns))
         self._robot.obey(order, command, self._time.at(clock_ns))
-        if isinstance(command, EStop):
-            self.report()
+
+    def _drop(self, reason: str) -> None:
+        left_out = self._limit.due("dropped")
+        if left_out is not None:
+            _log.warning("dropped", reason=reason, left_out=left_out)
 
     def _step(self) -> bool:
+        """Do one control period; False at the backend's end. A backend that fails is braked for as long as it takes."""
         clock_ns = monotonic_ns()
-        step = self._robot.step(self._time.at(clock_ns), clock_ns)
+        try:
+            step = self._robot.step(self._time.at(clock_ns), clock_ns)
+        except Exception as error:
+            self._robot.fault("the robot", error)
+            self._failing_since_s = self._failing_since_s or monotonic()
+            if monotonic() - self._failing_since_s > LAST_HOLD_S:
+                raise
+            return True
+        self._failing_since_s = None
         if step is None:
             return False
+        self._guarded("publishing", partial(self._publish, step))
+        self._due_s = monotonic() + self._robot.pacer.wait_s(self._robot.backend.t_ns)
+        return True
+
+    def _publish(self, step: Step) -> None:
         self._bus.publish(SENSORS, step.sensors)
         for frame in step.frames:
             self._bus.publish(FRAMES, frame)
         take_shots = getattr(self._robot.backend, "take_shots", None)
         for shot in take_shots() if take_shots is not None else ():
             self._bus.publish(EXPOSURES, Exposure(self._robot.boot, shot))
-        return True
 
     def _note_progress(self, beat: Beat) -> None:
         self._slam_there = True
@@ -247,15 +248,23 @@ def _hello(spec: SessionSpec, robot: Robot) -> Hello:
 
 
 def _go_on(node: RobotNode, robot: Robot, life: Life) -> None:
-    """Run until the life is over, and a little longer to come to rest."""
-    while not life.over:
-        if not node.turn():
-            return
+    """Run until the life is over, and a little longer to come to rest, after an error too."""
+    try:
+        while not life.over:
+            if not node.turn():
+                return
+    except Exception:
+        with suppress(Exception):  # the first error is the one to report
+            _come_to_rest(node, robot)
+        raise
+    _come_to_rest(node, robot)
+
+
+def _come_to_rest(node: RobotNode, robot: Robot) -> None:
     robot.stop_now("the robot node ends")
     end_s = monotonic() + LAST_HOLD_S
-    while monotonic() < end_s:
-        if not node.turn():
-            return
+    while monotonic() < end_s and node.turn():
+        pass
 
 
 def _build(spec: SessionSpec) -> Backend:

@@ -90,8 +90,7 @@ class Safety:
     def turn(self, now_ns: int) -> None:
         """Tell that the robot's loop gets on; after a freeze the world may be another."""
         if self._moving and self._turned_ns is not None and now_ns - self._turned_ns > FROZEN_NS:
-            self.guard.hold(FROZEN)
-            self._moving = False
+            self.hold(FROZEN)
         self._turned_ns = now_ns
 
     def lost(self, now_ns: int) -> str | None:
@@ -114,6 +113,11 @@ class Safety:
         """The operator has told it to come to rest: no input is required any more."""
         self._moving = False
 
+    def hold(self, reason: str) -> None:
+        """Ramp to a hold; only a start moves it again."""
+        self.guard.hold(reason)
+        self._moving = False
+
     def latch(self, reason: str) -> None:
         """E-stop."""
         self.guard.latch(reason)
@@ -126,10 +130,15 @@ class Safety:
     def step(self, target: JointTarget, now_ns: int, q_measured_rad: Float | None = None) -> JointTarget:
         """Return what the servos get for control's ``target`` at ``now_ns``."""
         if self._moving and (missing := self._watch.lost(now_ns)) is not None:
-            self.guard.hold(missing)
+            self.hold(missing)
         if q_measured_rad is not None:
             self.guard.start_at(q_measured_rad)
         passed = self.guard.step(target)
         if self.guard.held_because is not None:
             self._moving = False
         return passed
+
+    def brake(self, t_ns: int) -> JointTarget | None:
+        """Return what the servos get where control has failed: the brake ramp; None where no angles are known yet."""
+        self._moving = False
+        return self.guard.brake(t_ns)

@@ -1,7 +1,6 @@
 """The slam node: what the robot's sensors say, in order, through estimator and mapper, and out to whoever listens."""
 
 import queue
-import threading
 from collections import deque
 from collections.abc import Callable
 from time import monotonic, perf_counter
@@ -20,7 +19,7 @@ from snakeslam.runtime.clock import RobotClock
 from snakeslam.runtime.link import Link
 from snakeslam.runtime.live import LiveSink
 from snakeslam.runtime.merge import Item, Merge
-from snakeslam.runtime.node import Life
+from snakeslam.runtime.node import Life, run_beside
 from snakeslam.runtime.pictures import Pictures
 from snakeslam.runtime.priority import SLAM_NICE, go_apart
 from snakeslam.runtime.sensor_watch import CAMERA, IMU, JOINTS, SensorWatch
@@ -264,9 +263,10 @@ def run_slam(config: Config, link: Link, life: Life) -> None:
     go_apart(SLAM_NICE)
     bus = Bus(link, wanted=lambda: not life.over)
     node = SlamNode(config, bus)
-    beside = [threading.Thread(target=target, args=(node, life), daemon=True) for target in (_beat_on, _show_on)]
-    for thread in beside:
-        thread.start()
+    beside = [
+        run_beside("slam-beat", life, lambda: None if life.wait(BEAT_S) else node.beat()),
+        run_beside("pictures", life, node.pictures.turn),
+    ]
     collect_seldom()
     try:
         while not life.over:
@@ -276,13 +276,3 @@ def run_slam(config: Config, link: Link, life: Life) -> None:
         for thread in beside:
             thread.join()
         bus.close()
-
-
-def _beat_on(node: SlamNode, life: Life) -> None:
-    while not life.wait(BEAT_S):
-        node.beat()
-
-
-def _show_on(node: SlamNode, life: Life) -> None:
-    while not life.over:
-        node.pictures.turn()

@@ -1,4 +1,4 @@
-"""Keeps processes alive: one that dies without a word is started again, after a while that grows with each time."""
+"""Keeps processes alive: one that dies is started again, after a while that grows with each time."""
 
 import threading
 from collections.abc import Callable
@@ -6,7 +6,10 @@ from dataclasses import dataclass
 from multiprocessing.connection import wait
 from time import monotonic
 
-from snakeslam.runtime.node import Child
+import structlog
+
+from snakeslam.runtime.log_limit import error_words
+from snakeslam.runtime.node import Child, LastWord
 
 FIRST_S, LONGEST_S = 0.2, 5.0
 STEADY_S = 20.0
@@ -14,6 +17,7 @@ STEADY_S = 20.0
 TRIES = 5
 
 Tell = Callable[[str, str, bool], None]
+_log = structlog.get_logger("supervisor")
 
 
 @dataclass(slots=True)
@@ -32,8 +36,9 @@ def backoff_s(deaths: int) -> float:
 class Supervisor:
     """Watches children by name; ``tell(name, reason, final)`` hears of each death, from a thread of the supervisor.
 
-    Final is a death with a last word (it would only fail again), the last of TRIES in a row, and an end as planned, for
-    which the reason is empty. With ``endless`` only an end as planned is final: what has died is tried again for ever.
+    Final is a death by an input that is wrong (it would only fail again), the last of TRIES in a row, and an end as
+    planned, for which the reason is empty. With ``endless`` only an end as planned is final: what has died is tried
+    again for ever.
     """
 
     def __init__(self, tell: Tell, *, endless: bool = False) -> None:
@@ -76,24 +81,43 @@ class Supervisor:
                 return
 
     def _revive(self, name: str, kept: _Kept) -> bool:
-        """Tell of a death and start anew; False when that was final."""
+        """Report a death and start anew; False when that was final."""
         kept.child.process.join()
         word = _last_word(kept.child)
-        kept.deaths = 1 if monotonic() - kept.started_s > STEADY_S else kept.deaths + 1
         done = word is None and kept.child.process.exitcode == 0
-        given_up = not self._endless and (word is not None or kept.deaths >= TRIES)
-        final = done or given_up
-        self._tell(name, "" if done else word or how_it_ended(kept.child), final)
-        if final or self._closing.wait(backoff_s(kept.deaths)):
-            return False
+        reason = "" if done else how_it_ended(kept.child) if word is None else word.reason
+        steady = monotonic() - kept.started_s > STEADY_S
+        kept.deaths = 1 if steady else kept.deaths + 1
+        refused = word is not None and word.final and not self._endless
+        while not (done or refused or (kept.deaths >= TRIES and not self._endless)):
+            self._report(name, reason, False)
+            if self._closing.wait(backoff_s(kept.deaths)):
+                return False
+            try:
+                return self._start_again(kept)
+            except Exception as error:  # noqa: BLE001
+                # No process could be made: that counts as another death.
+                kept.deaths, reason = kept.deaths + 1, error_words(error)
+        self._report(name, reason, True)
+        return False
+
+    def _start_again(self, kept: _Kept) -> bool:
+        """Start the child; False when the supervisor has been closed meanwhile."""
         with self._lock:
             if self._closing.is_set():
                 return False
             kept.child, kept.started_s = kept.start(), monotonic()
         return True
 
+    def _report(self, name: str, reason: str, final: bool) -> None:
+        """Call ``tell``; an error there must not leave the child unattended."""
+        try:
+            self._tell(name, reason, final)
+        except Exception as error:  # noqa: BLE001
+            _log.error("death not reported", child=name, reason=reason, error=error_words(error))
 
-def _last_word(child: Child) -> str | None:
+
+def _last_word(child: Child) -> LastWord | None:
     try:
         return child.pipe.recv() if child.pipe.poll() else None
     except (EOFError, OSError):

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from snakeslam.backends.base import Backend
 from snakeslam.config import Config
 from snakeslam.messages import MapChunk
 from snakeslam.robot.model import RobotSettings
@@ -25,11 +26,13 @@ from snakeslam.runtime.topics import (
     CHUNKS,
     ESTOP,
     ORDERS,
+    ROBOT_EVENTS,
     ROBOT_STATE,
     SENSORS,
     SLAM_STATE,
     Command,
     EStop,
+    Event,
     RobotState,
     SlamState,
 )
@@ -51,22 +54,24 @@ def wait_for(condition: Callable[[], object], timeout_s: float = 60.0) -> None:
 class Nodes:
     """A robot node that listens, a slam node, and somebody who hears everything and may command."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, build: Callable[[SessionSpec], Backend] = still_robot) -> None:
         self.endpoint = unix_endpoint(folder)
         self.link = Link(self.endpoint)
         robot = Link(self.endpoint, listens=True)
-        self.robot: Child = spawn("robot", run_robot, SessionSpec(CONFIG, build=still_robot), robot)
+        self.robot: Child = spawn("robot", run_robot, SessionSpec(CONFIG, build=build), robot)
         self.start_slam()
         self.bus = Bus(self.link)
         self.lock = threading.Lock()
         self.steps: list[tuple[int, np.ndarray]] = []
         self.states: list[RobotState] = []
+        self.events: list[Event] = []
         self.slam_states: list[SlamState] = []
         self.chunks: dict[int, MapChunk] = {}
         self.clock = RobotClock()
         self.sender = Sender()
         self.bus.subscribe(SENSORS, self._on_sensors)
         self.bus.subscribe(ROBOT_STATE, self.states.append)
+        self.bus.subscribe(ROBOT_EVENTS, self.events.append)
         self.bus.subscribe(SLAM_STATE, self.slam_states.append)
         self.bus.subscribe(CHUNKS, lambda chunk: self.chunks.update({chunk.key: chunk}))
 

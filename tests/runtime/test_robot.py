@@ -7,7 +7,7 @@ import pytest
 
 from snakeslam.config import Config, GovernorSettings
 from snakeslam.head.settings import HeadSettings
-from snakeslam.messages import GaitCommand, HeadCommand, Health, Verdict
+from snakeslam.messages import GaitCommand, HeadCommand, Health, JointTarget, Verdict
 from snakeslam.robot.model import RobotSettings
 from snakeslam.runtime import compose
 from snakeslam.runtime.assembly import build_control
@@ -296,3 +296,60 @@ def test_the_governor_throttles_what_is_played_by_what_slam_says() -> None:
     assert bench.tick.governed.phase is Phase.SLOW
     assert bench.node._control.throttle == pytest.approx(0.35)
     assert Bench().tick.governed is None
+
+
+def breaks(*given: Any) -> Any:
+    raise FloatingPointError("no such angle")
+
+
+def assert_brakes_and_moves_again(bench: Bench, reason: str) -> None:
+    """The servos get the brake ramp and then one and the same target; a start moves the robot once all is well."""
+    q = bench.steps(100)
+    rates = np.abs(np.diff(q, axis=0)) / 0.01
+    assert len(q) == 100, "the servos were left without a target"
+    assert rates[20:].max() == 0.0
+    assert not bench.tick.moving
+    assert reason in (bench.tick.held_because or "")
+    assert [text for _, text in events(bench)].count(f"held: {bench.tick.held_because}; start to move again") == 1
+
+
+def test_control_that_fails_leaves_a_held_robot_whose_servos_brake(monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = Bench()
+    bench.take(Start())
+    bench.steps(300)
+    with monkeypatch.context() as broken:
+        broken.setattr(bench.node._control, "step", breaks)
+        assert_brakes_and_moves_again(bench, "control failed: FloatingPointError: no such angle")
+    assert bench.take(Start()) is None
+    assert np.ptp(bench.steps(300), axis=0).max() > 0.1
+
+
+def test_a_target_of_the_wrong_size_is_a_hold(monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = Bench()
+    bench.take(Start())
+    bench.steps(300)
+    monkeypatch.setattr(bench.node._control, "step", lambda *_: JointTarget(0, np.zeros(3)))
+    assert_brakes_and_moves_again(bench, "control failed: ValueError")
+
+
+def test_a_command_that_fails_is_a_hold_and_its_answer_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = Bench()
+    bench.take(Start())
+    bench.steps(300)
+    with monkeypatch.context() as broken:
+        broken.setattr(bench.node._control, "command_head", breaks)
+        refusal = bench.take(SetHead(HeadCommand(0, "none", neck_joints=5)))
+    assert refusal == "it failed: FloatingPointError: no such angle"
+    assert bench.tick.refusals[-1].reason == refusal
+    assert_brakes_and_moves_again(bench, "the head failed")
+
+
+def test_an_estop_is_latched_though_all_that_follows_it_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    bench = Bench()
+    bench.take(Start())
+    bench.steps(300)
+    monkeypatch.setattr(bench.node._control, "command", breaks)
+    monkeypatch.setattr(bench.node, "_put", breaks)
+    bench.take(EStop("x"))
+    assert bench.tick.estop_reason == "x"
+    assert (np.abs(np.diff(bench.steps(100), axis=0)) / 0.01)[20:].max() == 0.0

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from snakeslam.errors import InputError
 from snakeslam.runtime.node import Child, Life, spawn
-from snakeslam.runtime.supervisor import LONGEST_S, Supervisor, backoff_s
+from snakeslam.runtime.supervisor import LONGEST_S, TRIES, Supervisor, backoff_s
 
 
 def live_on(life: Life) -> None:
@@ -22,6 +23,10 @@ def die(life: Life) -> None:
 
 def fail(life: Life) -> None:
     raise RuntimeError("it\nbroke")
+
+
+def refuse(life: Life) -> None:
+    raise InputError("a setting", "is wrong")
 
 
 def finish(life: Life) -> None:
@@ -67,10 +72,46 @@ def test_a_child_that_is_killed_is_started_again(watched: Watched) -> None:
     assert watched.told == [("child", "the process ended unexpectedly (signal 9)", False)]
 
 
-def test_a_last_word_is_final_for_it_would_only_fail_again(watched: Watched) -> None:
-    watched.start(fail)
+def test_a_wrong_input_is_final_for_it_would_only_fail_again(watched: Watched) -> None:
+    watched.start(refuse)
     watched.wait_for(lambda: watched.told)
-    assert watched.told == [("child", "RuntimeError: it broke", True)]
+    assert watched.told == [("child", "a setting: is wrong", True)]
+
+
+def test_a_child_that_fails_is_started_again_until_it_has_failed_too_often(watched: Watched) -> None:
+    watched.start(fail)
+    watched.wait_for(lambda: watched.told and watched.told[-1][2])
+    assert watched.told == [("child", "RuntimeError: it broke", k == TRIES - 1) for k in range(TRIES)]
+
+
+def test_a_child_that_cannot_be_started_again_is_tried_again_and_reported(watched: Watched) -> None:
+    first = spawn("child", die)
+    starts = iter([first])
+    watched.supervisor.start("child", lambda: next(starts))
+    watched.wait_for(lambda: watched.told and watched.told[-1][2])
+    assert watched.told[0] == ("child", "the process ended unexpectedly (exit code 3)", False)
+    assert watched.told[-1][1].startswith("StopIteration")
+
+
+def test_an_error_in_whoever_hears_of_a_death_leaves_nobody_unattended() -> None:
+    heard: list[str] = []
+
+    def tell(name: str, reason: str, final: bool) -> None:
+        heard.append(reason)
+        raise RuntimeError("the listener is broken")
+
+    supervisor = Supervisor(tell)
+    try:
+        supervisor.start("child", lambda: spawn("child", live_on))
+        first = supervisor.pid("child")
+        assert first is not None
+        os.kill(first, signal.SIGKILL)
+        until = time.monotonic() + 30.0
+        while supervisor.pid("child") == first:
+            assert time.monotonic() < until, heard
+            time.sleep(0.02)
+    finally:
+        supervisor.close()
 
 
 def test_an_end_as_planned_is_final_and_has_no_reason(watched: Watched) -> None:

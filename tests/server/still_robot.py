@@ -10,7 +10,7 @@ from snakeslam.runtime.spec import SessionSpec
 
 STEP_NS = 10_000_000
 FRAME_EVERY = 5
-BREAKS, ENDS, ENDS_WHEN_MOVED = 1001, 1002, 1003
+BREAKS, ENDS, ENDS_WHEN_MOVED, BREAKS_WHEN_MOVED = 1001, 1002, 1003, 1004
 WIDTH, HEIGHT, FOCAL_PX = 320, 240, 240.0
 
 
@@ -21,7 +21,10 @@ def _picture(rng: np.random.Generator) -> np.ndarray:
 
 
 class StillRobot:
-    """See the module's docstring; ends after ``end_s``, or once it has moved by ``end_rad``; fails at ``fail_s``."""
+    """See the module's docstring; ends after ``end_s``, or once it has moved by ``end_rad``.
+
+    It fails from ``fail_s`` on, or once it has moved by ``fail_rad``.
+    """
 
     def __init__(
         self,
@@ -29,9 +32,11 @@ class StillRobot:
         fail_s: float = np.inf,
         frame_every: int = FRAME_EVERY,
         end_rad: float = np.inf,
+        fail_rad: float = np.inf,
     ) -> None:
         self._model = PRESETS["orthogonal24"]
         self._end_s, self._fail_s, self._frame_every, self._end_rad = end_s, fail_s, frame_every, end_rad
+        self._fail_rad = fail_rad
         self._t_ns = 0
         self._q_rad = np.zeros(self._model.joint_count)
         self._truth: list[GroundTruth] = []
@@ -67,7 +72,7 @@ class StillRobot:
         return self._t_ns
 
     def step(self, target: JointTarget | None) -> list[Packet] | None:
-        if self._t_ns * 1e-9 >= self._fail_s:
+        if self._t_ns * 1e-9 >= self._fail_s or self._moved_rad >= self._fail_rad:
             raise RuntimeError("the fake robot\nbroke")
         if self._t_ns * 1e-9 >= self._end_s or self._moved_rad >= self._end_rad:
             return None
@@ -106,4 +111,5 @@ def still_robot(spec: SessionSpec) -> StillRobot:
         end_s=0.5 if seed == ENDS else np.inf,
         fail_s=0.3 if seed == BREAKS else np.inf,
         end_rad=0.01 if seed == ENDS_WHEN_MOVED else np.inf,
+        fail_rad=0.01 if seed == BREAKS_WHEN_MOVED else np.inf,
     )

@@ -168,6 +168,15 @@ def test_a_session_that_fails_says_why_and_can_be_started_again(client: httpx.Cl
     assert restart(client, 1, "running")["message"] is None
 
 
+def test_a_robot_node_that_fails_is_started_again_and_held(client: httpx.Client) -> None:
+    restart(client, still_robot.BREAKS_WHEN_MOVED, "running")
+    wait_for(lambda: client.post("/api/v1/gait/start").status_code == 200)
+    state = wait_for(lambda: (s := client.get("/api/v1/state").json())["session"] == "starting" and s)
+    assert "the fake robot broke" in state["message"]
+    state = wait_for(lambda: (s := client.get("/api/v1/state").json())["session"] == "running" and s, 60.0)
+    assert (state["moving"], state["message"]) == (False, None)
+
+
 def test_nodes_that_are_killed_are_started_again(server: Running, client: httpx.Client) -> None:
     restart(client, 1, "running")
     for pid in children(server.process.pid):

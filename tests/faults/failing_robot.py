@@ -1,11 +1,10 @@
-"""A robot whose servo bus fails now and then: for a few steps at a time, as a cable with a bad contact does."""
+"""A robot whose servo bus fails for a few steps each time that it has moved some way, as a cable with a bad contact."""
 
 from snakeslam.messages import JointTarget, Packet
 from snakeslam.runtime.spec import SessionSpec
 from tests.server.still_robot import StillRobot
 
-EVERY, FAILING = 300, 5
-"""Of so many steps the last few fail."""
+EVERY_RAD, FAILING = 0.5, 5
 
 
 class FailingRobot(StillRobot):
@@ -13,12 +12,14 @@ class FailingRobot(StillRobot):
 
     def __init__(self) -> None:
         super().__init__()
-        self._calls = 0
+        self._next_rad, self._failures = EVERY_RAD, 0
 
     def step(self, target: JointTarget | None) -> list[Packet] | None:
-        self._calls += 1
-        if self._calls % EVERY >= EVERY - FAILING:
-            raise OSError("the servo bus does not answer")
+        if self._moved_rad >= self._next_rad:
+            self._failures += 1
+            if self._failures <= FAILING:
+                raise OSError("the servo bus does not answer")
+            self._next_rad, self._failures = self._moved_rad + EVERY_RAD, 0
         return super().step(target)
 
 

@@ -283,6 +283,8 @@ def _experiment(
 
     with _terminable(), _progress(report) as progress:
         result = run_experiment(config, recording, duration_s, out, progress)
+    for note in result.notes:
+        typer.echo(f"snakeslam: note: {' '.join(note.split())}", err=True)
     typer.echo(f"written: {result.out}", err=True)
     typer.echo(json.dumps(result.metrics.as_dict(), allow_nan=False) if as_json else _summary(result))
 

@@ -203,13 +203,17 @@ class SlamUpdate:
 
 @dataclass(frozen=True, slots=True)
 class GroundTruth:
-    """True motion of the IMU, for evaluation and the recorder only; what is unknown is None."""
+    """True motion of the IMU, for evaluation and the recorder only; what is unknown is None.
+
+    Where ``orientation_known`` is False, ``T_WI`` has the identity for a rotation.
+    """
 
     t_ns: int
     T_WI: Float
     v_W: Float | None = None
     gyro_bias_I: Float | None = None
     accel_bias_I: Float | None = None
+    orientation_known: bool = True
 
     def __post_init__(self) -> None:
         _read_only(self, dict.fromkeys(("T_WI", "v_W", "gyro_bias_I", "accel_bias_I"), np.float64))

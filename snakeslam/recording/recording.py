@@ -1,4 +1,4 @@
-"""A recording on disk as the rest of the house sees it, whatever folder layout it came in."""
+"""A recording on disk as the other packages see it, whatever folder layout it came in."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from snakeslam.calibration import SensorRig
 from snakeslam.errors import InputError
 from snakeslam.messages import CameraFrame, Float, GroundTruth, ImuSample, JointState, Packet
-from snakeslam.recording.images import check_image, read_depth, read_gray
+from snakeslam.recording.images import read_depth, read_gray
 from snakeslam.robot.model import SnakeModel
 
 
@@ -48,7 +48,8 @@ class JointTable:
 class Recording:
     """Sensors and, where known, the truth; stamps are the IMU's time, images are read when they are wanted.
 
-    ``seed`` is that of the estimator when the recording was made.
+    ``seed`` is that of the estimator when the recording was made; ``gray_bits`` are used of 16-bit images;
+    ``notes`` are lines on what is odd about the files and was read nevertheless.
     """
 
     name: str
@@ -59,13 +60,8 @@ class Recording:
     truth: tuple[GroundTruth, ...]
     joints: JointTable | None = None
     seed: int | None = None
-
-    def check_images(self) -> None:
-        """Raise InputError for the first image that is missing, truncated or of another size; reads no pixels."""
-        for frame in self.frames:
-            check_image(frame.image, self.rig.cam0.resolution)
-            if frame.depth is not None:
-                check_image(frame.depth, self.rig.cam0.resolution, bits=16)
+    gray_bits: int = 16
+    notes: tuple[str, ...] = ()
 
     def packets(self, start_ns: int = 0) -> Iterator[Packet]:
         """Yield packets from ``start_ns`` to the last frame in time order; at equal stamps IMU, joints, camera."""
@@ -85,7 +81,7 @@ class Recording:
     def read_frame(self, seq: int) -> CameraFrame:
         """Decode one frame; InputError names a damaged file."""
         file = self.frames[seq]
-        gray, rgb = read_gray(file.image)
+        gray, rgb = read_gray(file.image, self.gray_bits)
         self._check_shape(file.image, gray.shape)
         return CameraFrame(file.t_ns, seq, gray, rgb, self._read_depth(file), file.exposure_ns)
 

@@ -12,7 +12,7 @@ class ReplaySettings(Settings):
     """How a recording is read."""
 
     calibration: Path | None = None
-    """Kalibr-form file for a TUM RGB-D folder that has no calibration.yaml and no known name (freiburg1, fr2, ...)."""
+    """File in Kalibr's or OpenVINS's form, used instead of the recording's own, or of the benchmark's by its name."""
     start_s: Annotated[float, Field(ge=0)] = 0.0
     """Seconds to leave out at the beginning."""
     association_ms: Annotated[float, Field(gt=0, le=100)] = 20.0

@@ -45,7 +45,7 @@ class TruthView:
 
     def on_truth(self, truth: Sequence[GroundTruth]) -> None:
         """Take new truth, in time order."""
-        self._recent.extend(truth)
+        self._recent.extend(sample for sample in truth if sample.orientation_known)
 
     def at(self, t_ns: int, T_WI: Float | None) -> Float | None:
         """Return the aligned truth nearest to ``t_ns`` (within 20 ms), (4, 4); the first estimate aligns it."""

@@ -13,6 +13,7 @@ from multiprocessing.process import BaseProcess
 from time import monotonic
 
 from snakeslam.backends.base import Backend
+from snakeslam.backends.replay.backend import ReplayBackend
 from snakeslam.config import Config
 from snakeslam.errors import SnakeslamError
 from snakeslam.messages import CameraFrame, Float, JointState, JointTarget, Packet
@@ -26,7 +27,7 @@ from snakeslam.runtime.pictures import Pictures
 from snakeslam.runtime.priority import go_along
 from snakeslam.runtime.sensor_watch import SensorWatch
 from snakeslam.runtime.spec import SessionSpec
-from snakeslam.runtime.topics import Answer, Command, Ended, Report, RobotState, Shutdown
+from snakeslam.runtime.topics import Answer, Command, Ended, Event, Report, RobotState, Shutdown
 from snakeslam.threads import use_one_thread
 
 
@@ -66,6 +67,8 @@ class Session:
         self._sink.watch = SensorWatch.of(self.backend.rig, self._mode, joints=self.backend.model is not None)
         self._loop = Loop(self.backend, None, build_slam(config, self.backend), self._sink)
         put(compose.started(self.backend.t_ns, self._mode, self.backend.rig, self.backend.model, None))
+        for note in self.backend.notes if isinstance(self.backend, ReplayBackend) else ():
+            put(Event(self.backend.t_ns, "warning", note))
 
     def take(self, command: Command) -> None:
         """Answer a command: there is nothing here that could obey."""

@@ -4,7 +4,7 @@ import json
 import math
 import platform
 import subprocess
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -28,7 +28,7 @@ from snakeslam.recording.tum_writer import TumWriter
 from snakeslam.robot.model import snake_model
 from snakeslam.runtime.assembly import build_backend, build_control, build_governor, build_slam, fit_to_recording
 from snakeslam.runtime.lockstep import Loop
-from snakeslam.studies.metrics import HeadWindow, Metrics, evaluate, tracked_poses
+from snakeslam.studies.metrics import HeadWindow, Metrics, evaluate, notes_on, tracked_poses
 from snakeslam.studies.recorder import Recorder
 from snakeslam.studies.run_directory import default_out, new_directory
 
@@ -40,10 +40,11 @@ PACKAGES = ("snakeslam", "numpy", "scipy", "opencv-python-headless", "pybullet")
 
 @dataclass(frozen=True, slots=True)
 class RunResult:
-    """Where a run was written and what was measured."""
+    """Where a run was written, what was measured, and what is odd about it (a line each)."""
 
     out: Path
     metrics: Metrics
+    notes: tuple[str, ...] = ()
 
 
 def run_experiment(
@@ -70,8 +71,9 @@ def run_experiment(
         collect_seldom()
         wall_s = turn_loop(loop, config, _end_ns(config, backend, duration_s), progress or (lambda _: None))
         metrics = _evaluate(config, backend, recorder, wall_s)
-        _write(part, config, recording, recorder, metrics)
-    return RunResult(place, metrics)
+        notes = _notes(backend, recorder)
+        _write(part, config, recording, recorder, metrics, notes)
+    return RunResult(place, metrics, notes)
 
 
 def _sensor_writer(config: Config, recording: Path | None, part: Path, backend: Backend) -> TumWriter | None:
@@ -121,7 +123,22 @@ def _evaluate(config: Config, backend: Backend, recorder: Recorder, wall_s: floa
     )
 
 
-def _write(part: Path, config: Config, recording: Path | None, recorder: Recorder, metrics: Metrics) -> None:
+def _notes(backend: Backend, recorder: Recorder) -> tuple[str, ...]:
+    """Return what is odd about the recording's files, then what the metrics leave open."""
+    if not isinstance(backend, ReplayBackend):
+        return tuple(notes_on(recorder.updates, recorder.truth, truth_recorded=False))
+    truth_recorded = bool(backend.recording.truth)
+    return (*backend.notes, *notes_on(recorder.updates, recorder.truth, truth_recorded=truth_recorded))
+
+
+def _write(
+    part: Path,
+    config: Config,
+    recording: Path | None,
+    recorder: Recorder,
+    metrics: Metrics,
+    notes: Sequence[str],
+) -> None:
     write_trajectory(part / "estimate.tum", ((pose.t_ns, pose.T_WI) for pose in tracked_poses(recorder.updates)))
     if recorder.truth:
         write_trajectory(part / "ground_truth.tum", ((sample.t_ns, sample.T_WI) for sample in recorder.truth))
@@ -137,6 +154,7 @@ def _write(part: Path, config: Config, recording: Path | None, recorder: Recorde
         "versions": versions(),
         "commit": commit(),
         "metrics": metrics.as_dict(),
+        "notes": list(notes),
     }
     (part / "run.json").write_text(json.dumps(facts, indent=2, allow_nan=False) + "\n", encoding="utf-8")
 

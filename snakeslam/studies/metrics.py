@@ -1,5 +1,6 @@
 """What a run is judged by: the object that ``--json`` prints. What is unknown is None, never 0 or NaN."""
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
@@ -79,8 +80,8 @@ class FrameTimes:
 class Metrics:
     """The measured figures of one run.
 
-    ``path_m`` is the length of the true path, of the estimated one where no truth is known; ``speed_m_s`` is net
-    displacement over time, from the same.
+    ``path_m`` is the length of the true path, of the estimated one where no truth is known then; ``speed_m_s`` is
+    net displacement over time, from the same.
     """
 
     frames: int
@@ -116,8 +117,12 @@ def evaluate(
     true = truth_trajectory(truth)
     Ts_true, known = interpolate(true, estimate.t_ns)
     matched, Ts_matched = estimate.at(known), Ts_true[known]
-    rpe = relative_error(matched, Ts_matched, RPE_DELTA_NS, RPE_TOLERANCE_NS) if len(matched) > 1 else None
-    walked = _within(true, updates) if len(true) else estimate
+    oriented = all(sample.orientation_known for sample in truth)
+    compares = oriented and len(matched) > 1
+    rpe = relative_error(matched, Ts_matched, RPE_DELTA_NS, RPE_TOLERANCE_NS) if compares else None
+    within = _within(true, updates)
+    walked = within if len(within) > 1 else estimate
+    poses = [pose for pose, ok in zip(tracked, known, strict=True) if ok]
     return Metrics(
         frames=len(updates),
         duration_s=duration_s,
@@ -126,12 +131,38 @@ def evaluate(
         rpe_1s=RelativeErrors(*rpe) if isinstance(rpe, RelativeError) else RelativeErrors(),
         tracked_fraction=len(tracked) / len(updates) if updates else None,
         resets=sum(update.events.count("reset") for update in updates),
-        nees=consistency([pose for pose, ok in zip(tracked, known, strict=True) if ok], Ts_matched, gravity_known),
+        nees=consistency(poses, Ts_matched, gravity_known) if oriented else Consistency(),
         head=HeadMotion() if head is None else head_motion(true.at(true.t_ns >= head.from_ns), head.period_s),
         speed_m_s=net_speed_m_s(walked),
         ms_per_frame=frame_times(frame_ms),
         realtime_factor=duration_s / wall_s if wall_s > 0 else None,
     )
+
+
+def notes_on(updates: Sequence[SlamUpdate], truth: Sequence[GroundTruth], *, truth_recorded: bool) -> list[str]:
+    """Return in a line each what the metrics leave open: why nothing was tracked, how far the truth reaches.
+
+    ``truth_recorded`` is whether the recording has a truth at all, within the run's time or not.
+    """
+    tracked = tracked_poses(updates)
+    if not tracked:
+        return [_nothing_tracked(updates)]
+    if not truth_recorded:
+        return []
+    known = interpolate(truth_trajectory(truth), trajectory(tracked).t_ns)[1]
+    compared = int(np.count_nonzero(known))
+    if compared == len(tracked):
+        return []
+    path = "" if len(_within(truth_trajectory(truth), updates)) > 1 else "; path and speed are the estimate's"
+    return [f"the ground truth is known for {compared} of {len(tracked)} tracked poses, the errors are theirs{path}"]
+
+
+def _nothing_tracked(updates: Sequence[SlamUpdate]) -> str:
+    if not updates:
+        return "there was no image: nothing was tracked"
+    reasons = Counter(reason for update in updates for reason in update.health.reasons)
+    said = "; ".join(f"{reason} ({count})" for reason, count in reasons.most_common(2)) or "no reason is known"
+    return f"nothing was tracked in {len(updates)} images: {said}"
 
 
 def tracked_poses(updates: Sequence[SlamUpdate]) -> list[PoseEstimate]:

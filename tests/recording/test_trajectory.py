@@ -34,13 +34,18 @@ def test_the_format_is_tums_with_nine_decimals() -> None:
         ("0.1", 100_000_000),
         ("7", 7_000_000_000),
         ("1.0000000014", 1000000001),
+        ("1e9", 10**18),
+        ("+1.305031228533100128e+09", 1305031228533100128),
+        (".5", 500_000_000),
     ],
 )
 def test_seconds_become_exact_nanoseconds(text: str, t_ns: int) -> None:
     assert stamp_from_s(text) == t_ns
 
 
-@pytest.mark.parametrize("text", ["nan", "inf", "-1.0", "1e9", "", "1,5", "12345678901"])
+@pytest.mark.parametrize(
+    "text", ["nan", "inf", "-1.0", "1e10", "1e999999999", "", "1,5", "1_0", "12345678901", "9" * 99]
+)
 def test_no_time_is_no_stamp(text: str) -> None:
     with pytest.raises(ValueError, match="timestamp"):
         stamp_from_s(text)

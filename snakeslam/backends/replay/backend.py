@@ -41,6 +41,11 @@ class ReplayBackend:
         return None if self.recording.joints is None else self.recording.joints.model
 
     @property
+    def notes(self) -> tuple[str, ...]:
+        """What is odd about the recording's files and was read nevertheless, a line each."""
+        return self.recording.notes
+
+    @property
     def t_ns(self) -> int:
         """Stamp of the newest packet."""
         return self._t_ns

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from snakeslam.errors import InputError, NotBuiltError
+from snakeslam.recording.checks import with_checked_images
 from snakeslam.recording.datasets import euroc, tum_rgbd
 from snakeslam.recording.recording import Recording
 from snakeslam.recording.settings import ReplaySettings
@@ -37,20 +38,22 @@ def recording_kind(path: Path) -> str | None:
 
 
 def open_recording(path: Path, settings: ReplaySettings) -> Recording:
-    """Read a recording's tables and check its images; InputError says what is wrong where."""
+    """Read a recording's tables and check its images; InputError says what is wrong where.
+
+    What is odd but usable is said in the recording's ``notes``.
+    """
     if not path.exists():
         raise InputError(str(path), "no such recording", FORMATS)
     kind = recording_kind(path)
     if kind == "euroc":
-        recording = euroc.read_euroc(path)
+        recording = euroc.read_euroc(path, settings)
     elif kind == "tum_rgbd":
         recording = tum_rgbd.read_tum_rgbd(path, settings)
     elif kind is not None:
         raise NotBuiltError(str(path), f"reading {kind}", FORMATS)
     else:
         raise InputError(str(path), "is not a recording", FORMATS)
-    recording.check_images()
-    return recording
+    return with_checked_images(recording)
 
 
 def summarise(path: Path) -> Summary | None:

@@ -3,11 +3,14 @@
 import bisect
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any, TypeVar
 
+import numpy as np
+from numpy.typing import NDArray
 from pydantic import ValidationError
 
+from snakeslam.calibration import calibration_error
 from snakeslam.errors import InputError
 from snakeslam.recording.recording import FrameFile
 from snakeslam.settings import Settings
@@ -15,14 +18,25 @@ from snakeslam.settings import Settings
 Model = TypeVar("Model", bound=Settings)
 
 
-def validated(model: type[Model], values: dict[str, Any], path: Path) -> Model:
-    """Return the settings, or an InputError that names the file and the key."""
+def validated(model: type[Model], values: dict[str, Any], path: Path, group: str = "") -> Model:
+    """Return the settings, or an InputError that names the file, the ``group`` in it and the key."""
     try:
         return model.model_validate(values)
     except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(str(part) for part in first["loc"])
-        raise InputError(f"{path}: {key}", first["msg"]) from error
+        raise calibration_error(path, error, group) from error
+
+
+def frame_stamps(frames: Sequence[FrameFile]) -> NDArray[np.int64]:
+    """Return the stamps of frames, (N,) ns."""
+    return np.array([frame.t_ns for frame in frames], dtype=np.int64)
+
+
+def image_path(folder: Path, name: str, where: str) -> Path:
+    """Return the file ``name`` below ``folder``; InputError for a name that leads out of it."""
+    pure = PurePosixPath(name)
+    if pure.is_absolute() or ".." in pure.parts or "\0" in name:
+        raise InputError(where, f"{name[:80]!r} leads out of the folder")
+    return folder / pure
 
 
 def shift_frames(frames: tuple[FrameFile, ...], seconds: float) -> tuple[FrameFile, ...]:

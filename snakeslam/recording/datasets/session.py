@@ -17,6 +17,7 @@ from snakeslam.recording.datasets.common import validated
 from snakeslam.recording.recording import JointTable
 from snakeslam.robot.model import RobotSettings, SnakeModel, snake_model
 from snakeslam.settings import Settings
+from snakeslam.yaml_reader import read_yaml
 
 
 class SessionRun(Settings):
@@ -45,10 +46,7 @@ def read_session(folder: Path) -> SessionFacts:
     path = folder / "session.yaml"
     if not path.exists():
         return SessionFacts()
-    try:
-        raw: Any = yaml.safe_load(tables.read_text(path))
-    except yaml.YAMLError as error:
-        raise InputError(str(path), f"is no YAML: {' '.join(str(error).split())}") from error
+    raw = read_yaml(path)
     return validated(SessionFacts, raw if isinstance(raw, dict) else {}, path)
 
 
@@ -64,8 +62,8 @@ def read_joints(folder: Path, facts: SessionFacts) -> JointTable | None:
         raise InputError(str(path), "session.yaml does not say of which robot", "robot: {model: sim35} in session.yaml")
     model = snake_model(facts.robot)
     count = model.joint_count
-    rows = tables.read_table(path, tables.stamp_from_ns, columns=(1 + count, 1 + 2 * count), separator=",")
-    lengths = {len(row.cells) for row in rows}
+    rows = tables.read_table(path, tables.stamp_from_ns, columns=(1 + count, 1 + 2 * count))
+    lengths = {count if len(row.cells) < 2 * count else 2 * count for row in rows}
     if len(lengths) > 1:
         raise InputError(str(path), "some rows have rates and others have none", f"{1 + count} or {1 + 2 * count}")
     values = tables.floats(path, rows, lengths.pop())

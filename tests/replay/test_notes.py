@@ -29,6 +29,9 @@ def test_a_replay_that_tracks_nothing_says_so(tmp_path: Path) -> None:
     folder = write_euroc(tmp_path / "clip")
     for image in (folder / "mav0/cam0/data").iterdir():
         cv2.imwrite(str(image), np.zeros((HEIGHT, WIDTH), np.uint8))
+    title, *samples = (folder / "mav0/imu0/data.csv").read_text().splitlines()
+    shaken = [f"{row.split(',')[0]},{(-1) ** k},0,1,{9 * (-1) ** k},0,9.8" for k, row in enumerate(samples)]
+    (folder / "mav0/imu0/data.csv").write_text("\n".join([title, *shaken]) + "\n")
     shift_truth(folder, -(10**18))
     command = [sys.executable, "-m", "snakeslam", "replay", str(folder), "--json", "--out", str(tmp_path / "run")]
     ended = subprocess.run(command, capture_output=True, text=True, check=False)

@@ -6,6 +6,9 @@ import struct
 from dataclasses import asdict
 from typing import Any
 
+import numpy as np
+
+from server.body import body_links, heading_rad
 from server.lease import Desk
 from server.live import Live, View
 from snakeslam.head.settings import HeadSettings
@@ -98,7 +101,18 @@ def tick_json(view: View, tick: Tick) -> Json:
         "error_m": _round(tick.error_m, 5),
         "distance_m": _round(tick.distance_m, 4),
         "map_points": tick.map_points,
+        "body": body_json(view, tick),
     }
+
+
+def body_json(view: View, tick: Tick) -> Json | None:
+    """The body in the world for the page's own drawing: where each link begins, tail to head, as x, y, z in turn."""
+    Ts_WL = body_links(view, tick)
+    if Ts_WL is None:
+        return None
+    points = np.round(Ts_WL[:, :3, 3], 3).ravel().tolist()
+    heading_deg = math.degrees(heading_rad(tick, Ts_WL))
+    return {"p_m": points, "heading_deg": round(heading_deg, 1), "estimated": tick.Ts_WL is not None}
 
 
 def event_json(view: View, event: Event) -> Json:

@@ -8,9 +8,11 @@ from typing import Any
 import numpy as np
 import viser
 
+from server.body import USUAL_PERIOD_S, body_links, heading_rad, mean_path
 from server.live import View
 from server.viewer_host import start_viser, stop_viser
 from snakeslam.geometry import so3
+from snakeslam.mapping.detail import coarse_to_fine
 from snakeslam.messages import Float, MapChunk
 from snakeslam.runtime.topics import Picture, Report, RobotShape, Started, Tick
 
@@ -20,10 +22,13 @@ PICTURE_RATE_HZ = 5.0
 MAX_PATH_POINTS = 2000
 POINT_SIZE_M = 0.016
 FRUSTUM_SCALE_M = 0.12
-BODY_RGB, DARK_RGB, HEAD_RGB = (214, 150, 62), (160, 105, 40), (250, 205, 90)
+BODY_RGB, DARK_RGB, HEAD_RGB = (200, 112, 24), (128, 70, 14), (255, 210, 60)
 ESTIMATE_RGB, TRUTH_RGB = (69, 201, 181), (200, 208, 213)
 AIM_STEP_M = 0.25
-VIEW_FROM_M = np.array([-1.7, -1.6, 1.3])
+VIEW_FROM_M = np.array([-1.2, -1.8, 1.7])
+"""From the middle of the body: the whole of a robot of 3.2 m fits in, and what lies before it."""
+PATH_HEIGHT_M = -0.06
+"""Height of the paths against the head's: above the floor, below the body."""
 IDENTITY = (1.0, 0.0, 0.0, 0.0)
 
 
@@ -46,10 +51,17 @@ def capsule_mesh(length_m: float, radius_m: float, sides: int = 12) -> tuple[Flo
     return vertices, np.concatenate(faces)
 
 
-def path_segments(rows: list[tuple[float, float, float, float]]) -> Float:
-    """Return the path as segments (K, 2, 3), thinned to MAX_PATH_POINTS."""
-    every = len(rows) // MAX_PATH_POINTS + 1
-    points = np.array([*rows[:-1:every], rows[-1]])[:, 1:]
+def arrow_mesh() -> tuple[Float, np.ndarray[Any, Any]]:
+    """Return vertices (7, 3) and faces (3, 3) of a flat arrow along x, 0.6 m long, that begins at the origin."""
+    outline = [(0.0, -0.03), (0.36, -0.03), (0.36, 0.03), (0.0, 0.03), (0.36, -0.11), (0.6, 0.0), (0.36, 0.11)]
+    vertices = np.column_stack([np.array(outline), np.zeros(len(outline))])
+    return vertices, np.array([[0, 1, 2], [0, 2, 3], [4, 5, 6]])
+
+
+def path_segments(points: Float) -> Float:
+    """Return the path (N, 3) as segments (K, 2, 3), thinned to MAX_PATH_POINTS."""
+    every = len(points) // MAX_PATH_POINTS + 1
+    points = np.concatenate([points[:-1:every], points[-1:]])
     return np.stack([points[:-1], points[1:]], axis=1)
 
 
@@ -60,6 +72,7 @@ class Scene:
         self._server = server
         self._scene = server.scene
         self._robot: viser.BatchedMeshHandle | None = None
+        self._heading: viser.MeshHandle | None = None
         self._camera: viser.CameraFrustumHandle | None = None
         self._paths: dict[str, viser.LineSegmentsHandle] = {}
         self._chunks: dict[int, viser.PointCloudHandle] = {}
@@ -70,10 +83,10 @@ class Scene:
 
     def reset(self, started: Started | None) -> None:
         """Clear the scene and set up what a session draws."""
-        for handle in (self._robot, self._camera, *self._paths.values(), *self._chunks.values()):
+        for handle in (self._robot, self._heading, self._camera, *self._paths.values(), *self._chunks.values()):
             if handle is not None:
                 handle.remove()
-        self._robot = self._camera = None
+        self._robot = self._heading = self._camera = None
         self._paths, self._chunks = {}, {}
         self._aim(np.zeros(3))
         if started is None:
@@ -90,20 +103,32 @@ class Scene:
         )
         if started.robot is not None:
             self._robot = self._add_robot(started.robot)
+            self._heading = self._add_heading()
 
-    def show_tick(self, tick: Tick) -> None:
-        """Pose robot and camera."""
+    def show_tick(self, tick: Tick, Ts_WL: Float | None) -> None:
+        """Pose the robot, links ``Ts_WL`` (N + 1, 4, 4), its heading and the camera."""
         with self._server.atomic():
-            if self._robot is not None and tick.Ts_WL is not None:
-                self._robot.batched_positions = tick.Ts_WL[:, :3, 3].astype(np.float32)
-                self._robot.batched_wxyzs = so3.quat_wxyz_from_matrix(tick.Ts_WL[:, :3, :3]).astype(np.float32)
-                self._robot.visible = True
+            if Ts_WL is not None:
+                self._aim(np.mean(Ts_WL[:, :3, 3], axis=0))
+                self._show_body(tick, Ts_WL)
             if self._camera is not None and tick.T_WI is not None:
-                self._aim(tick.T_WI[:3, 3])
+                if Ts_WL is None:
+                    self._aim(tick.T_WI[:3, 3])
                 T_WC = tick.T_WI @ self._camera_T_IC
                 self._camera.position = T_WC[:3, 3]
                 self._camera.wxyz = so3.quat_wxyz_from_matrix(T_WC[:3, :3])
                 self._camera.visible = True
+
+    def _show_body(self, tick: Tick, Ts_WL: Float) -> None:
+        if self._robot is None or self._heading is None:
+            return
+        self._robot.batched_positions = Ts_WL[:, :3, 3].astype(np.float32)
+        self._robot.batched_wxyzs = so3.quat_wxyz_from_matrix(Ts_WL[:, :3, :3]).astype(np.float32)
+        yaw_rad = heading_rad(tick, Ts_WL)
+        ahead = np.array([np.cos(yaw_rad), np.sin(yaw_rad), 0.0])
+        self._heading.position = Ts_WL[-1, :3, 3] + 0.16 * ahead
+        self._heading.wxyz = (np.cos(yaw_rad / 2.0), 0.0, 0.0, np.sin(yaw_rad / 2.0))
+        self._robot.visible = self._heading.visible = True
 
     def _aim(self, p_W: Float) -> None:
         """Let new viewers, and "reset view", look at where the robot is now."""
@@ -118,16 +143,17 @@ class Scene:
             self._camera._format = "jpeg"  # pyright: ignore[reportPrivateUsage]
             self._camera._image_data = picture.jpeg  # pyright: ignore[reportPrivateUsage]
 
-    def show_path(self, name: str, rows: list[tuple[float, float, float, float]]) -> None:
-        """Draw a trajectory."""
+    def show_path(self, name: str, rows: list[tuple[float, float, float, float]], period_s: float) -> None:
+        """Draw a trajectory, averaged over the gait's period: a swinging head's own path would bury the body."""
         if len(rows) < 2:
             return
-        segments = path_segments(rows).astype(np.float32)
+        path = mean_path(rows, period_s) + np.array([0.0, 0.0, PATH_HEIGHT_M])
+        segments = path_segments(path).astype(np.float32)
         line = self._paths.get(name)
         if line is not None:
             line.points = segments
             return
-        colour, width = (ESTIMATE_RGB, 3.0) if name == "estimate" else (TRUTH_RGB, 1.5)
+        colour, width = (ESTIMATE_RGB, 2.0) if name == "estimate" else (TRUTH_RGB, 1.0)
         self._paths[name] = self._scene.add_line_segments(
             f"/{name}", segments, colour, thickness=width, thickness_units="screen"
         )
@@ -136,8 +162,8 @@ class Scene:
         """Draw a chunk of the map; its points keep half precision because they are near their keyframe."""
         if len(chunk.points_K) == 0:
             return
-        # In no order, so that a browser that draws only the first part shows a fair sample: web/src/viewer-frame.ts.
-        order = np.random.default_rng(chunk.key).permutation(len(chunk.points_K))
+        # A browser draws the first part of a chunk that is far away, or of all while it is slow: web/src/scene.ts.
+        order = coarse_to_fine(np.asarray(chunk.points_K, dtype=np.float64))
         self._chunks[chunk.key] = self._scene.add_point_cloud(
             f"/map/{chunk.key}",
             chunk.points_K[order],
@@ -161,11 +187,17 @@ class Scene:
             plane="xy",
             cell_size=0.5,
             section_size=1.0,
-            cell_color=(60, 64, 72),
-            section_color=(82, 88, 98),
+            cell_color=(34, 38, 44),
+            section_color=(56, 62, 70),
             position=(0.0, 0.0, -0.12),
         )
         self._scene.world_axes.visible = False
+
+    def _add_heading(self) -> viser.MeshHandle:
+        vertices, faces = arrow_mesh()
+        return self._scene.add_mesh_simple(
+            "/heading", vertices, faces, color=HEAD_RGB, material="standard", side="double", visible=False
+        )
 
     def _add_robot(self, shape: RobotShape) -> viser.BatchedMeshHandle:
         vertices, faces = capsule_mesh(shape.joint_length_m, shape.radius_m)
@@ -245,9 +277,11 @@ class Viewer:
         for chunk in chunks:
             self._scene.show_chunk(chunk)
         if tick is not None:
-            self._scene.show_tick(tick)
+            self._scene.show_tick(tick, None if view is None else body_links(view, tick))
         if shown is not None:
             self._scene.show_picture(shown)
         if paths and view is not None:
-            self._scene.show_path("estimate", list(view.estimate.rows))
-            self._scene.show_path("truth", list(view.truth.rows))
+            last = view.tick
+            period_s = (None if last is None else last.head.window_s) or USUAL_PERIOD_S
+            self._scene.show_path("estimate", list(view.estimate.rows), period_s)
+            self._scene.show_path("truth", list(view.truth.rows), period_s)

@@ -1,10 +1,15 @@
 """The map and the trajectories of the live session."""
 
-from fastapi import APIRouter
+from typing import Annotated, Any
+
+import numpy as np
+from fastapi import APIRouter, Query
 from starlette.responses import JSONResponse, Response
 
+from server.body import heading_rad
 from server.bulk import BulkResponse
 from server.deps import Rooms, Who
+from snakeslam.mapping.clearance import DIRECTIONS_DEG, clearance, patrol_turn
 
 router = APIRouter(tags=["map"])
 
@@ -20,6 +25,26 @@ async def get_map(house: Rooms) -> dict[str, int]:
 async def get_map_ply(house: Rooms, who: Who) -> Response:
     """The map as a PLY file, in the estimate's world frame; at most a second old."""
     return BulkResponse(house.bulk, who, house.map_file.get, "application/octet-stream", "map.ply")
+
+
+@router.get("/map/clearance")
+async def get_clearance(house: Rooms, turning: Annotated[int, Query(ge=-1, le=1)] = 0) -> dict[str, Any]:
+    """How far the ground is known to be free around the head, and the turn of a patrol that turned as ``turning``.
+
+    ``turn`` is -1 (right), 0 or 1 (left); null where a patrol can go no further: ``reason`` says why.
+    """
+    view = house.live.view
+    tick = view.tick
+    Ts_WL = None if tick is None else tick.Ts_WL
+    if tick is None or Ts_WL is None or view.started is None or view.started.robot is None:
+        return {"directions_deg": DIRECTIONS_DEG, "free_m": None, "turn": None, "reason": "the robot's pose is unknown"}
+    floor_m = float(np.median(Ts_WL[:, 2, 3])) - view.started.robot.radius_m
+    chunks, heading = list(view.chunks.values()), heading_rad(tick, Ts_WL)
+    free = await house.bulk.make(lambda: clearance(chunks, Ts_WL[-1, :3, 3], heading, floor_m))
+    turn = patrol_turn(free, turning)
+    reason = f"the way is blocked {free.ahead_m:.1f} m ahead" if turn is None else None
+    free_m = [round(distance_m, 2) for distance_m in free.free_m]
+    return {"directions_deg": DIRECTIONS_DEG, "free_m": free_m, "turn": turn, "reason": reason}
 
 
 @router.get("/trajectory", response_class=JSONResponse)

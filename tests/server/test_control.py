@@ -122,6 +122,18 @@ def test_map_and_trajectory_grow(client: httpx.Client) -> None:
     assert max(abs(value) for row in paths["truth"] for value in row[1:]) < 0.05
 
 
+def test_a_patrol_is_told_what_is_free_and_where_to_turn(client: httpx.Client) -> None:
+    """The fake robot looks at a flat picture 1 m away, nearer than a patrol goes straight towards."""
+    path = "/api/v1/map/clearance"
+    wait_for(lambda: client.get("/api/v1/map").json()["points"] > 0)
+    found = wait_for(lambda: (answer := client.get(path).json())["free_m"] and answer)
+    ahead = found["free_m"][found["directions_deg"].index(0)]
+    assert ahead == pytest.approx(1.0, abs=0.2)
+    assert found["turn"] in (-1, 1)
+    assert client.get(path, params={"turning": -found["turn"]}).json()["turn"] == -found["turn"], "it keeps to its side"
+    assert client.get(path, params={"turning": 2}).status_code == 422
+
+
 def test_what_is_not_there_is_a_problem(client: httpx.Client) -> None:
     for path in ("/api/v1/nothing", "/api/nothing", "/api/v1/runs/ffff", "/api/v1/recordings/0/play"):
         answer = client.post(path) if path.endswith("play") else client.get(path)

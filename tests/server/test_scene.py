@@ -10,9 +10,11 @@ import numpy as np
 import pytest
 import viser
 
-from server.live import MAX_PATH, Path3
+from server.body import body_links, heading_rad, mean_path
+from server.live import MAX_PATH, Path3, View
 from server.viewer import MAX_PATH_POINTS, Scene, capsule_mesh, path_segments
 from server.viewer_host import start_viser, stop_viser
+from snakeslam.config import Config
 from snakeslam.messages import Health, MapChunk, Verdict
 from snakeslam.runtime.topics import HeadMotion, Picture, RobotShape, Started, Tick
 
@@ -73,8 +75,8 @@ def test_a_link_is_a_closed_surface_that_looks_outwards() -> None:
 
 
 def test_a_long_path_is_drawn_with_few_segments_to_its_very_end() -> None:
-    rows = [(float(k), float(k), 0.0, 0.0) for k in range(19_999)]
-    segments = path_segments(rows)
+    points = np.array([(float(k), 0.0, 0.0) for k in range(19_999)])
+    segments = path_segments(points)
     assert len(segments) <= MAX_PATH_POINTS + 1
     assert segments[0, 0, 0] == 0.0
     assert segments[-1, 1, 0] == 19_998.0
@@ -96,9 +98,9 @@ def test_updates_replace_each_other_for_those_who_come_later(server: viser.Viser
 
     def draw(count: int) -> int:
         for k in range(count):
-            scene.show_tick(moved(k + 1))
+            scene.show_tick(moved(k + 1), moved(k + 1).Ts_WL)
             scene.show_picture(Picture(k, k, 160, 120, bytes([k])))
-            scene.show_path("estimate", [(0.0, 0.0, 0.0, 0.0), (1.0, float(k), 0.0, 0.0)])
+            scene.show_path("estimate", [(0.0, 0.0, 0.0, 0.0), (1.0, float(k), 0.0, 0.0)], 4.0)
             scene.show_chunk(chunk(k % 3, k))
         return len(kept(server))
 
@@ -106,16 +108,56 @@ def test_updates_replace_each_other_for_those_who_come_later(server: viser.Viser
     assert draw(100) <= few + 3
 
 
+def test_the_body_is_drawn_before_there_is_an_estimate(server: viser.ViserServer) -> None:
+    view = View("sim", "simulator", Config())
+    waiting = replace(TICK, T_WI=None, Ts_WL=None, q_measured_rad=np.full(35, 0.05))
+    Ts_WL = body_links(view, waiting)
+    assert Ts_WL is not None
+    assert Ts_WL.shape == (36, 4, 4)
+    scene = Scene(server)
+    scene.reset(replace(STARTED, robot=RobotShape("sim35", 35, 0.09, 0.032)))
+    scene.show_tick(waiting, Ts_WL)
+    robot, arrow = server.scene.get_handle_by_name("/robot"), server.scene.get_handle_by_name("/heading")
+    assert isinstance(robot, viser.BatchedMeshHandle)
+    assert arrow is not None
+    assert robot.visible
+    assert arrow.visible
+    np.testing.assert_allclose(robot.batched_positions, Ts_WL[:, :3, 3], atol=1e-6)
+    np.testing.assert_allclose(server.initial_camera.look_at, np.mean(Ts_WL[:, :3, 3], axis=0), atol=1e-6)
+    assert body_links(View("recording", "clip", Config()), waiting) is None
+    view.estimate.add(0.0, np.eye(4))
+    assert body_links(view, waiting) is None, "an estimate that was lost does not put the body back to the start"
+
+
+def test_the_heading_is_the_heads_mean_one_or_that_of_the_body() -> None:
+    Ts_WL = np.tile(np.eye(4), (3, 1, 1))
+    Ts_WL[:, :2, 0] = [0.0, 1.0]
+    assert heading_rad(TICK, Ts_WL) == pytest.approx(np.pi / 2.0)
+    assert heading_rad(replace(TICK, head=HeadMotion(heading_deg=30.0)), Ts_WL) == pytest.approx(np.pi / 6.0)
+
+
+def test_the_path_of_a_swinging_head_is_drawn_as_its_mean() -> None:
+    t_s = np.arange(0.0, 40.0, 0.05)
+    swing_m = 0.3 * np.sin(2.0 * np.pi * t_s / 4.0)
+    rows = [(float(t), 0.05 * float(t), float(y), 0.1) for t, y in zip(t_s, swing_m, strict=True)]
+    path = mean_path(rows, 4.0)
+    inner = (t_s > 2.0) & (t_s < 37.9)
+    assert np.max(np.abs(path[inner, 1])) < 0.01
+    np.testing.assert_allclose(path[inner, 0], 0.05 * t_s[inner], atol=2e-3)
+    np.testing.assert_allclose(path[[0, -1]], np.array(rows)[[0, -1], 1:], atol=1e-9)
+    assert mean_path([], 4.0).shape == (0, 3)
+
+
 def test_a_new_session_starts_with_an_empty_scene(server: viser.ViserServer) -> None:
     scene = Scene(server)
     scene.reset(STARTED)
-    scene.show_tick(moved(1))
+    scene.show_tick(moved(1), moved(1).Ts_WL)
     scene.show_chunk(chunk(1))
     assert server.scene.get_handle_by_name("/map/1") is not None
     scene.reset(replace(STARTED, robot=None))
     assert server.scene.get_handle_by_name("/map/1") is None
     assert server.scene.get_handle_by_name("/robot") is None
-    scene.show_tick(moved(2))
+    scene.show_tick(moved(2), moved(2).Ts_WL)
     scene.reset(None)
     assert server.scene.get_handle_by_name("/camera") is None
 

@@ -59,6 +59,8 @@ def test_state_comes_first_and_ticks_follow_at_no_more_than_20_hz(server: Runnin
     assert tick["head_control"] == {"controller": "predictive", "neck_joints": 4}
     assert {"yaw_deg", "yaw_rms_deg", "yaw_rate_deg_s", "peak_yaw_rate_deg_s", "sway_m"} <= set(tick["head"])
     assert tick["map_points"] > 0
+    assert len(tick["body"]["p_m"]) == 3 * 25
+    assert tick["body"]["estimated"]
     assert tick["error_m"] < 0.05
 
 

@@ -1,6 +1,6 @@
 // The typed client of /api/v1: every refusal becomes one clear line.
 
-import type { GaitAnswer, GaitRequest, HeadAnswer, HeadRequest, Lease, Overrides, Recording, RobotState, Role, Run, RunRequest } from "./types";
+import type { ClearanceAnswer, GaitAnswer, GaitRequest, HeadAnswer, HeadRequest, Lease, Overrides, Recording, RobotState, Role, Run, RunRequest } from "./types";
 
 const PREFIX = "/api/v1";
 const TIMEOUT_MS = 10_000;
@@ -61,6 +61,7 @@ export const api = {
   signIn: (token: string) => request<unknown>("POST", "/session", { token }),
   gait: () => request<GaitAnswer>("GET", "/gait"),
   setGait: (gait: GaitRequest) => request<unknown>("PUT", "/gait", gait),
+  clearance: (turning: number) => request<ClearanceAnswer>("GET", `/map/clearance?turning=${turning}`),
   head: () => request<HeadAnswer>("GET", "/head"),
   setHead: (head: HeadRequest) => request<unknown>("PUT", "/head", head),
   start: () => request<unknown>("POST", "/gait/start"),

@@ -15,6 +15,7 @@ import { mountHeadControl } from "./panels/headcontrol";
 import { mountHelp } from "./panels/help";
 import { mountJoints } from "./panels/joints";
 import { mountParameters } from "./panels/parameters";
+import { mountPatrol } from "./panels/patrol";
 import { mountRuns } from "./panels/runs";
 import { mountSignIn } from "./panels/signin";
 import { mountSource } from "./panels/source";
@@ -55,6 +56,7 @@ function start(): void {
     // The arrows move the view there.
     hands.listen(frame, () => false);
   });
+  mountPatrol(app);
   mountCamera(app, telemetry);
   mountEstimator(app);
   mountHead(app);

@@ -56,6 +56,14 @@ export interface HeadAnswer {
   turn_by_deg: { min: number; max: number };
 }
 
+/** How far the ground is free, and the turn of a patrol: null where it can go no further. */
+export interface ClearanceAnswer {
+  directions_deg: number[];
+  free_m: number[] | null;
+  turn: -1 | 0 | 1 | null;
+  reason: string | null;
+}
+
 /** How still the head is over the last `window_s`; the yaw is the deviation from the mean heading. */
 export interface HeadMotion {
   yaw_deg: number | null;
@@ -123,6 +131,16 @@ export interface Tick {
   error_m: number | null;
   distance_m: number | null;
   map_points: number;
+  /** Null where nothing is known of the body. */
+  body: Body | null;
+}
+
+/** Where each link begins, tail to head, as x, y, z in turn, in the estimate's world, in m. */
+export interface Body {
+  p_m: number[];
+  heading_deg: number;
+  /** False before the first estimate: the joints are measured, the place is not. */
+  estimated: boolean;
 }
 
 export interface TimelineEvent {

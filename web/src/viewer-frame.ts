@@ -10,7 +10,8 @@
   const LONGEST_REST_MS = 3000;
   const SLOW_MS = 120; // fewer points are drawn until a picture takes less than this,
   const QUICK_MS = 50; // and more again when it takes less than this
-  const LEAST_DETAIL = 0.1;
+  const LEAST_DETAIL = 0.02;
+  const FIRST_DETAIL = 0.15;
   const PROCESSOR = /swiftshader|llvmpipe|softpipe|software|basic render/i;
 
   const nativeRequest = window.requestAnimationFrame.bind(window);
@@ -19,7 +20,8 @@
   let asked = false;
   let inHand = false;
   let notBefore = 0;
-  let detail = 1;
+  let detail = 1; // share of the map's points that are drawn, for scene.ts
+  const tell = () => ((window as { snakeslamDetail?: number }).snakeslamDetail = detail);
 
   function ask(): void {
     if (asked) return;
@@ -42,6 +44,7 @@
       notBefore = performance.now() + rest;
       if (took > SLOW_MS) detail = Math.max(LEAST_DETAIL, detail / 1.5);
       else if (took < QUICK_MS) detail = Math.min(1, detail * 1.1);
+      tell();
       if (waiting.size) ask();
     });
     for (const callback of callbacks.values())
@@ -70,21 +73,15 @@
     return PROCESSOR.test(name);
   }
 
-  /** The points of a chunk come in no order: the first part of them is a fair sample of the whole. */
-  function drawFewerPoints(gl: WebGL2RenderingContext): void {
-    const native = gl.drawArrays.bind(gl);
-    gl.drawArrays = (mode, first, count) =>
-      native(mode, first, mode === gl.POINTS ? Math.ceil(count * detail) : count);
-  }
-
   if (drawnByProcessor()) {
     const native = HTMLCanvasElement.prototype.getContext as (kind: string, options?: object) => RenderingContext | null;
     HTMLCanvasElement.prototype.getContext = function (this: HTMLCanvasElement, kind: string, options?: object) {
       if (!kind.startsWith("webgl")) return native.call(this, kind, options);
-      const gl = native.call(this, kind, { ...options, antialias: false });
-      if (gl instanceof WebGL2RenderingContext) drawFewerPoints(gl);
-      return gl;
+      return native.call(this, kind, { ...options, antialias: false });
     } as typeof HTMLCanvasElement.prototype.getContext;
     Object.defineProperty(window, "devicePixelRatio", { get: () => 0.5 });
+    // The first picture comes soon and coarse.
+    detail = FIRST_DETAIL;
+    tell();
   }
 }

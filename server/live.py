@@ -19,6 +19,7 @@ from snakeslam.runtime.host import host_for
 from snakeslam.runtime.pipe_host import Host
 from snakeslam.runtime.spec import SessionSpec
 from snakeslam.runtime.topics import (
+    BackUp,
     Command,
     Ended,
     EStop,
@@ -244,6 +245,11 @@ class Live:
         """Set the robot going; Problem while the E-stop is latched or there is no robot."""
         self.need_drive()
         await self.command(Start())
+
+    async def back_up(self) -> None:
+        """Have the robot play its gait backwards for a while; Problem where a start would be one."""
+        self.need_drive()
+        await self.command(BackUp())
 
     def need_drive(self) -> None:
         """Raise a Problem when nothing may move: the E-stop is latched, or there is no robot."""

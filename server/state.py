@@ -62,6 +62,7 @@ def state_json(live: Live, desk: Desk) -> Json:
         "gait": gait_json(live.gait()),
         "notice": None if tick is None else tick.notice,
         "held_because": None if tick is None else tick.held_because,
+        "back_up_offered": tick is not None and tick.back_up_offered,
         "head_control": head_control_json(live.head()),
         "head": head_json(HeadMotion() if tick is None else tick.head),
         "robot": _robot_json(view),

@@ -67,6 +67,16 @@ class GovernorSettings(Settings):
     """It is given back when more would have been allowed for so long."""
 
 
+class SafetySettings(Settings):
+    """What stops a robot that moves and sees nothing, and how it gets out again."""
+
+    max_blind_s: Annotated[float, Field(ge=0, le=3600)] = 5.0
+    """A moving robot whose camera has supported the estimate for so long no more is held, until an operator starts it
+    again or has it back up; 0: never. A scripted run has no operator: it goes on."""
+    back_up_s: Annotated[float, Field(gt=0, le=60)] = 4.0
+    """A back-up plays the gait backwards for so long, however blind the robot is, and then stops."""
+
+
 class Config(Settings):
     """All settings of a session."""
 
@@ -76,6 +86,7 @@ class Config(Settings):
     estimator: EstimatorSettings = EstimatorSettings()
     mapping: MappingSettings = MappingSettings()
     governor: GovernorSettings = GovernorSettings()
+    safety: SafetySettings = SafetySettings()
     sim: SimSettings = SimSettings()
     replay: ReplaySettings = ReplaySettings()
     recording: RecordingSettings = RecordingSettings()

@@ -58,6 +58,17 @@ async def start(house: Rooms, who: Who) -> dict[str, Any]:
     return house.state()
 
 
+@router.post("/gait/back-up")
+async def back_up(house: Rooms, who: Who) -> dict[str, Any]:
+    """Play the gait backwards for ``safety.back_up_s``, then stop: away from what the robot cannot see past.
+
+    It goes on however blind the robot is; all else that holds a robot holds it. Needs control.
+    """
+    house.need_control(who)
+    await house.live.back_up()
+    return house.state()
+
+
 @router.post("/gait/stop")
 async def stop(house: Rooms) -> dict[str, Any]:
     """Bring the robot to rest, smoothly. Any operator may, with control or without."""

@@ -38,6 +38,7 @@ def tick(robot: RobotState, slam: SlamState | None, sender: str, *, slam_alive: 
         refusals=answer.refusals,
         governed=robot.governed,
         held_because=robot.held_because,
+        back_up_offered=robot.back_up_offered,
     )
 
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 from uuid import uuid4
 
 from snakeslam.runtime.codec import WireError
-from snakeslam.runtime.topics import Command, Drive, EStop, ResetEStop, SetGait, SetHead, Start, Stop
+from snakeslam.runtime.topics import BackUp, Command, Drive, EStop, ResetEStop, SetGait, SetHead, Start, Stop
 from snakeslam.runtime.wire import Order
 
 
@@ -32,7 +32,7 @@ class Sender:
 
 def command_of(order: Order) -> Command:
     """Return the command that ``order`` carries; WireError when there is none."""
-    plain = {"Start": Start, "Stop": Stop, "ResetEStop": ResetEStop}
+    plain = {"Start": Start, "BackUp": BackUp, "Stop": Stop, "ResetEStop": ResetEStop}
     if order.kind in plain:
         return plain[order.kind]()
     if order.kind == "Drive":

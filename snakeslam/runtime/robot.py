@@ -28,11 +28,13 @@ from snakeslam.messages import (
 )
 from snakeslam.runtime.answers import Answers
 from snakeslam.runtime.assembly import build_governor
+from snakeslam.runtime.blindness import Blindness
 from snakeslam.runtime.driving import SILENT_HAND, Driving
 from snakeslam.runtime.log_limit import LogLimit, error_words
 from snakeslam.runtime.pacing import Pacer
 from snakeslam.runtime.safety import LOST, Safety
 from snakeslam.runtime.topics import (
+    BackUp,
     Command,
     Drive,
     EStop,
@@ -85,6 +87,7 @@ class Robot:
         self.safety = Safety(self._model.limits, LOST if required is None else required, estop_reason)
         self._gait = configured_gait(config.gait)
         self._driving, self._governor = Driving(), build_governor(config)
+        self._blindness = Blindness(config.safety, config.estimator.health.min_features)
         self._notice: str | None = None
         self._period_s = 0.0
         self._autostart_ns: int | None = backend.t_ns + round(config.run.rest_s * 1e9)
@@ -138,6 +141,8 @@ class Robot:
             self._set_head(command.head)
         elif isinstance(command, Start):
             return self._start(now_ns)
+        elif isinstance(command, BackUp):
+            return self._back_up(now_ns)
         elif isinstance(command, Drive):
             return self._drive(command, now_ns)
         elif isinstance(command, Stop):
@@ -149,6 +154,7 @@ class Robot:
         if estimate.boot != self.boot:
             return
         self._pose, self.last_pose = estimate.pose, estimate.pose or self.last_pose
+        self._blindness.add(estimate.t_ns, estimate.health)
         if self._governor is not None:
             self._control.throttle = self._governor.step(estimate.t_ns, estimate.health).pace
 
@@ -160,6 +166,7 @@ class Robot:
             # A hold, for the operator is lost: as quick as the joints can. Whoever drives on moves again.
             self.safety.guard.hold(SILENT_HAND)
             self._rest()
+        self._watch_sight()
         target = self._target = self._next_target(now_ns)
         self._notice_hold()
         packets = self.backend.step(target)
@@ -192,6 +199,7 @@ class Robot:
             return
         self._estop_told = True
         self._driving.hold()
+        self._blindness.end()
         self._held = self.safety.guard.held_because
         self._say("error", f"E-stop: {reason}")
         self._command(0.0)
@@ -214,6 +222,7 @@ class Robot:
             q_target_rad=None if self._target is None else self._target.q_rad,
             q_measured_rad=None if self._joints is None else self._joints.q_rad,
             governed=None if self._governor is None else self._governor.now,
+            back_up_offered=self._blindness.stopped and not self.safety.moving and self.safety.estop_reason is None,
             answers=self._answers.all(),
         )
 
@@ -257,9 +266,30 @@ class Robot:
             self._held = None
             self._driving.end()
             self._command(1.0)
-            if not was_moving:
+            if not was_moving or self._blindness.backs_up:
+                self._blindness.start(self.backend.t_ns)
                 self._say("info", f"start {self._gait.gait}")
         return refusal
+
+    def _back_up(self, now_ns: int) -> str | None:
+        """Play the gait backwards for a while, as the operator asks; blindness does not hold the robot meanwhile."""
+        self._autostart_ns = None
+        refusal = self.safety.start(now_ns)
+        if refusal is None:
+            self._held = None
+            self._driving.end()
+            self._blindness.back_up(self.backend.t_ns)
+            self._command(-1.0)
+            self._say("info", "back up")
+        return refusal
+
+    def _watch_sight(self) -> None:
+        """Hold a robot that has gone blind for too long; end a back-up that has lasted long enough."""
+        if self.safety.moving and self._blindness.too_long(self.backend.t_ns):
+            self._blindness.stop()
+            self.safety.guard.hold(self._blindness.words)
+        elif self._blindness.backed_up(self.backend.t_ns):
+            self._rest(self._gait.turn)
 
     def _drive(self, command: Drive, now_ns: int) -> str | None:
         """Move as the operator's hand says, for as long as it goes on saying so; 0 lets go."""
@@ -273,9 +303,10 @@ class Robot:
         if not moving:
             self._rest(self._gait.turn)
             return None
-        if not self.safety.moving:
+        if not self.safety.moving or self._blindness.backs_up:
             self._held = None
             self.safety.start(now_ns)
+            self._blindness.start(self.backend.t_ns)
             self._say("info", f"start {self._gait.gait}")
         self._driving.drive(now_ns)
         return None
@@ -284,6 +315,7 @@ class Robot:
         """Come to rest; what the hand steered goes with the hand."""
         was_moving = self.safety.moving
         self._driving.end()
+        self._blindness.end()
         self.safety.stop()
         self._command(0.0, replace(self._gait, turn=turn))
         if was_moving:
@@ -300,6 +332,7 @@ class Robot:
             return
         self._held = held
         self._driving.hold()
+        self._blindness.end()
         self._say("error", f"held: {held}; start to move again")
         try:
             self._command(0.0)
@@ -337,7 +370,7 @@ class Robot:
 def command_words(command: Command) -> str:
     """Return what a command is called."""
     names: dict[type, str] = {
-        SetGait: "the gait", SetHead: "the head", Start: "the start", Stop: "the stop", Drive: "the drive",
-        EStop: "the E-stop", ResetEStop: "the reset",
+        SetGait: "the gait", SetHead: "the head", Start: "the start", BackUp: "the back-up", Stop: "the stop",
+        Drive: "the drive", EStop: "the E-stop", ResetEStop: "the reset",
     }  # fmt: skip
     return names.get(type(command), type(command).__name__)

@@ -32,6 +32,11 @@ class Start:
 
 
 @dataclass(frozen=True, slots=True)
+class BackUp:
+    """Play the gait backwards for ``safety.back_up_s``, blind or not, then come to rest."""
+
+
+@dataclass(frozen=True, slots=True)
 class Stop:
     """Come to rest."""
 
@@ -64,7 +69,7 @@ class Shutdown:
     """End the session."""
 
 
-Command = SetGait | SetHead | Start | Stop | Drive | EStop | ResetEStop | Shutdown
+Command = SetGait | SetHead | Start | BackUp | Stop | Drive | EStop | ResetEStop | Shutdown
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,7 +133,8 @@ class Answer:
 class RobotState:
     """What the robot node says of itself; ``period_s`` is the gait's, ``held_because`` why it is held until a start.
 
-    ``governed`` is the pace that the governor allows, None where it is off.
+    ``governed`` is the pace that the governor allows, None where it is off. ``back_up_offered``: it was stopped because
+    it saw nothing, and may be backed up.
     """
 
     boot: str
@@ -147,6 +153,7 @@ class RobotState:
     q_measured_rad: Float | None
     governed: Governed | None = None
     answers: tuple[Answer, ...] = ()
+    back_up_offered: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,7 +181,8 @@ class Tick:
     to the estimate's first pose by yaw and translation, ``error_m`` the distance of the two. ``head`` is how still the
     head is, ``head_settings`` how it is held, ``notice`` what the operator should know of the gait, ``refusals`` the
     last commands that were not obeyed, ``governed`` the pace that the governor allows, None where it is off,
-    ``held_because`` why the robot is held until somebody starts it again.
+    ``held_because`` why the robot is held until somebody starts it again, ``back_up_offered`` whether it was stopped
+    because it saw nothing, and may be backed up.
     """
 
     t_ns: int
@@ -199,6 +207,7 @@ class Tick:
     refusals: tuple[Refusal, ...] = ()
     governed: Governed | None = None
     held_because: str | None = None
+    back_up_offered: bool = False
 
 
 @dataclass(frozen=True, slots=True)

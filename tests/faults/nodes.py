@@ -54,11 +54,14 @@ def wait_for(condition: Callable[[], object], timeout_s: float = 60.0) -> None:
 class Nodes:
     """A robot node that listens, a slam node, and somebody who hears everything and may command."""
 
-    def __init__(self, folder: Path, build: Callable[[SessionSpec], Backend] = still_robot) -> None:
+    def __init__(
+        self, folder: Path, build: Callable[[SessionSpec], Backend] = still_robot, config: Config = CONFIG
+    ) -> None:
+        self.config = config
         self.endpoint = unix_endpoint(folder)
         self.link = Link(self.endpoint)
         robot = Link(self.endpoint, listens=True)
-        self.robot: Child = spawn("robot", run_robot, SessionSpec(CONFIG, build=build), robot)
+        self.robot: Child = spawn("robot", run_robot, SessionSpec(config, build=build), robot)
         self.start_slam()
         self.bus = Bus(self.link)
         self.lock = threading.Lock()
@@ -76,7 +79,7 @@ class Nodes:
         self.bus.subscribe(CHUNKS, lambda chunk: self.chunks.update({chunk.key: chunk}))
 
     def start_slam(self) -> None:
-        self.slam: Child = spawn("slam", run_slam, CONFIG, self.link)
+        self.slam: Child = spawn("slam", run_slam, self.config, self.link)
 
     def close(self) -> None:
         self.bus.close()

@@ -65,6 +65,7 @@ export const api = {
   head: () => request<HeadAnswer>("GET", "/head"),
   setHead: (head: HeadRequest) => request<unknown>("PUT", "/head", head),
   start: () => request<unknown>("POST", "/gait/start"),
+  backUp: () => request<unknown>("POST", "/gait/back-up"),
   stop: () => request<unknown>("POST", "/gait/stop"),
   // Short: a stop that does not get through must be tried again soon.
   estop: (reason: string) => request<unknown>("POST", "/estop", { reason }, 1500),

@@ -3,7 +3,7 @@
 import { App } from "./app";
 import { byId } from "./dom";
 import { Hands } from "./hands";
-import { mountLinkBanner, mountNotices } from "./panels/banner";
+import { mountBlindBanner, mountLinkBanner, mountNotices } from "./panels/banner";
 import { mountCamera } from "./panels/camera";
 import { mountDrive } from "./panels/drive";
 import { EStop, listenForStopKeys } from "./panels/estop";
@@ -38,6 +38,7 @@ function start(): void {
   const estop = new EStop(app);
   listenForStopKeys(window, app, estop);
   mountTopbar(app, mountHelp());
+  mountBlindBanner(app);
   mountLinkBanner(app);
   mountNotices(app);
   mountSource(app);

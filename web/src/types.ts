@@ -105,6 +105,8 @@ export interface RobotState {
   notice: string | null;
   /** Why the robot is held until somebody starts it again; null when it is not. */
   held_because: string | null;
+  /** It was stopped because the camera saw nothing; the operator may back it up. */
+  back_up_offered: boolean;
   /** Null without a robot. */
   head_control: HeadControl | null;
   robot: { model: string; joints: number };

@@ -1,5 +1,6 @@
 // The lines across the page: a lost link, and the answer to what the operator asked last.
 
+import { api } from "../api";
 import type { App } from "../app";
 import { byId, h, setText } from "../dom";
 import { age } from "../format";
@@ -25,6 +26,26 @@ export function mountLinkBanner(app: App): void {
   };
   app.link.watch(refresh);
   app.redraw.every(200, refresh);
+}
+
+/** Says that the robot has stopped because it saw nothing, and offers the way back. */
+export function mountBlindBanner(app: App): void {
+  const banner = byId("blind-banner");
+  const text = h("p");
+  const back = h("button", { class: "button back-up", type: "button", id: "back-up" }, "Back up");
+  banner.append(text, back);
+  back.addEventListener("click", () => void app.command(() => api.backUp()));
+  const sync = () => {
+    const state = app.state.get();
+    banner.hidden = state?.back_up_offered !== true;
+    if (banner.hidden) return;
+    setText(text, `Stopped: ${state?.held_because ?? "the camera still sees nothing"}. Back up, or start again.`);
+    back.disabled = !app.commandable;
+  };
+  app.state.watch(sync);
+  app.link.watch(sync);
+  app.role.watch(sync);
+  app.lease.current.watch(sync);
 }
 
 export function mountNotices(app: App): void {

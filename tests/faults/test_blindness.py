@@ -1,0 +1,87 @@
+"""A robot that drives up to a bare wall, over real processes: it stops by itself, and backs up when it is asked to."""
+
+from collections.abc import Iterator
+from http import HTTPStatus
+
+import numpy as np
+import pytest
+
+from snakeslam.config import Config, RunSettings, SafetySettings
+from snakeslam.robot.model import RobotSettings
+from snakeslam.runtime.topics import RobotState
+from tests.faults.nodes import Nodes, wait_for
+from tests.faults.test_faults import Site
+from tests.server.running import START_S
+from tests.server.still_robot import COVERED_WHEN_MOVED
+
+BLIND_S, BACK_UP_S = 2.0, 1.5
+CONFIG = Config(
+    robot=RobotSettings(model="orthogonal24"),
+    run=RunSettings(seed=COVERED_WHEN_MOVED),
+    safety=SafetySettings(max_blind_s=BLIND_S, back_up_s=BACK_UP_S),
+)
+WHY = "the camera has seen nothing for 2 s"
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
+    nodes = Nodes(tmp_path_factory.mktemp("bus"), config=CONFIG)
+    site = Site(nodes, tmp_path_factory.mktemp("site"))
+    yield site
+    site.server.stop()
+    nodes.close()
+
+
+def moved(states: list[RobotState]) -> list[RobotState]:
+    return [state for state in states if state.moving]
+
+
+def blind(site: Site) -> bool:
+    """Whether it was held because it is blind; held for another reason, as on a busy machine, it is started again."""
+    state = site.get("/state")
+    if not state["moving"] and state["held_because"] != WHY:
+        site.post("/gait/start")
+    return state["held_because"] == WHY
+
+
+def test_a_blind_robot_stops_by_itself_and_backs_up_on_request(site: Site) -> None:
+    nodes = site.nodes
+    site.moving()
+    wait_for(lambda: blind(site), START_S)
+    assert site.get("/state")["back_up_offered"]
+    nodes.assert_still()
+    # At rest the pose is certain again, but nothing is seen: the offer stands.
+    assert site.get("/state")["back_up_offered"]
+
+    nodes.states.clear()
+    assert site.post("/gait/back-up").status_code == HTTPStatus.OK
+    wait_for(lambda: moved(nodes.states) and not nodes.states[-1].moving, START_S)
+    backing = moved(nodes.states)
+    assert {state.gait.drive for state in backing if state.gait is not None} == {-1.0}
+    assert (backing[-1].t_ns - backing[0].t_ns) / 1e9 == pytest.approx(BACK_UP_S, abs=0.3)
+    assert nodes.states[-1].held_because is None
+    assert site.get("/state")["back_up_offered"]
+    nodes.assert_still()
+
+    # A fresh start goes on for the whole limit, blind as the robot is.
+    nodes.states.clear()
+    assert site.post("/gait/start").status_code == HTTPStatus.OK
+    wait_for(lambda: moved(nodes.states) and not nodes.states[-1].moving, START_S)
+    blind = moved(nodes.states)
+    assert (blind[-1].t_ns - blind[0].t_ns) / 1e9 == pytest.approx(BLIND_S, abs=0.5)
+    assert nodes.states[-1].held_because == WHY
+
+
+def test_a_back_up_ends_with_a_stop_and_obeys_the_emergency_stop(site: Site) -> None:
+    nodes = site.nodes
+    wait_for(lambda: site.post("/gait/back-up").status_code == HTTPStatus.OK, START_S)
+    assert site.post("/gait/stop").status_code == HTTPStatus.OK
+    assert not site.get("/state")["moving"]
+    assert site.post("/gait/back-up").status_code == HTTPStatus.OK
+    assert site.post("/estop").status_code == HTTPStatus.OK
+    nodes.assert_still()
+    assert site.post("/gait/back-up").status_code == HTTPStatus.CONFLICT
+    assert not site.get("/state")["back_up_offered"]
+    site.post("/estop/reset")
+    nodes.assert_still()
+    assert np.isfinite(nodes.steps[-1][1]).all()

@@ -85,6 +85,8 @@ class View:
     """Grows with every change of ``chunks``."""
     estimate: Path3 = field(default_factory=Path3)
     truth: Path3 = field(default_factory=Path3)
+    new_map: Path3 = field(default_factory=Path3)
+    """The part of the estimate that lies in a map which is not connected to the first one; empty once it is."""
 
     def t_s(self, t_ns: int) -> float:
         """Seconds since the session's start."""
@@ -112,7 +114,8 @@ class View:
         """Begin, or begin anew: a robot node that was started again has a time and a world of its own."""
         self.phase, self.message = "running", None
         if self.started is not None:
-            self.tick, self.chunks, self.estimate, self.truth = None, {}, Path3(), Path3()
+            self.tick, self.chunks = None, {}
+            self.estimate, self.truth, self.new_map = Path3(), Path3(), Path3()
             self.map_revision += 1
         self.started = started
 
@@ -121,7 +124,15 @@ class View:
             for path, T in ((self.estimate, tick.T_WI), (self.truth, tick.T_WI_truth)):
                 if T is not None:
                     path.add(self.t_s(tick.t_ns), T)
+            self._take_new_map(tick)
         self.tick = tick
+
+    def _take_new_map(self, tick: Tick) -> None:
+        """Keep the path in a map that is not connected; once it is, its positions were moved with the map."""
+        if tick.health.map_connected and tick.T_WI is not None and self.new_map.rows:
+            self.new_map = Path3()
+        elif tick.T_WI is not None and not tick.health.map_connected:
+            self.new_map.add(self.t_s(tick.t_ns), tick.T_WI)
 
 
 Listener = Callable[[Report, View], None]

@@ -146,7 +146,12 @@ def features_json(view: View, features: Features) -> Json:
 
 
 def _health_json(health: Health) -> Json:
-    return {"verdict": health.verdict.value, "reasons": list(health.reasons), "tracks": health.tracks}
+    return {
+        "verdict": health.verdict.value,
+        "reasons": list(health.reasons),
+        "tracks": health.tracks,
+        "map_connected": health.map_connected,
+    }
 
 
 def _governor_json(governed: Governed | None) -> Json | None:

@@ -128,7 +128,7 @@ class Telemetry:
     def _news_of(self) -> dict[str, Any]:
         state = state_json(self._live, self._desk)
         news = {key: value for key, value in state.items() if key not in NOT_NEWS}
-        return news | {"verdict": state["health"]["verdict"]}
+        return news | {key: state["health"][key] for key in ("verdict", "map_connected")}
 
     def _state_text(self) -> str:
         return json.dumps({"type": "state", **state_json(self._live, self._desk)}, separators=(",", ":"))

@@ -24,6 +24,9 @@ POINT_SIZE_M = 0.016
 FRUSTUM_SCALE_M = 0.12
 BODY_RGB, DARK_RGB, HEAD_RGB = (200, 112, 24), (128, 70, 14), (255, 210, 60)
 ESTIMATE_RGB, TRUTH_RGB = (69, 201, 181), (200, 208, 213)
+NEW_MAP_RGB, NEW_MAP_SHARE = (240, 165, 40), 0.6
+"""A map that is not connected to the first one: the colour of its path, and how much of it its points take."""
+PATHS = {"estimate": (ESTIMATE_RGB, 2.0), "truth": (TRUTH_RGB, 1.0), "new_map": (NEW_MAP_RGB, 3.0)}
 AIM_STEP_M = 0.25
 VIEW_FROM_M = np.array([-1.2, -1.8, 1.7])
 """From the middle of the body: the whole of a robot of 3.2 m fits in, and what lies before it."""
@@ -63,6 +66,14 @@ def path_segments(points: Float) -> Float:
     every = len(points) // MAX_PATH_POINTS + 1
     points = np.concatenate([points[:-1:every], points[-1:]])
     return np.stack([points[:-1], points[1:]], axis=1)
+
+
+def tinted(chunk: MapChunk) -> np.ndarray[Any, Any]:
+    """Return the colours (N, 3) uint8 of a chunk's points, tinted where its map is not connected to the first one."""
+    if chunk.island == 0:
+        return chunk.rgb
+    tint = np.asarray(NEW_MAP_RGB, dtype=np.float32)
+    return ((1.0 - NEW_MAP_SHARE) * chunk.rgb + NEW_MAP_SHARE * tint).astype(np.uint8)
 
 
 class Scene:
@@ -146,6 +157,8 @@ class Scene:
     def show_path(self, name: str, rows: list[tuple[float, float, float, float]], period_s: float) -> None:
         """Draw a trajectory, averaged over the gait's period: a swinging head's own path would bury the body."""
         if len(rows) < 2:
+            if not rows and name in self._paths:
+                self._paths.pop(name).remove()
             return
         path = mean_path(rows, period_s) + np.array([0.0, 0.0, PATH_HEIGHT_M])
         segments = path_segments(path).astype(np.float32)
@@ -153,7 +166,7 @@ class Scene:
         if line is not None:
             line.points = segments
             return
-        colour, width = (ESTIMATE_RGB, 2.0) if name == "estimate" else (TRUTH_RGB, 1.0)
+        colour, width = PATHS[name]
         self._paths[name] = self._scene.add_line_segments(
             f"/{name}", segments, colour, thickness=width, thickness_units="screen"
         )
@@ -167,7 +180,7 @@ class Scene:
         self._chunks[chunk.key] = self._scene.add_point_cloud(
             f"/map/{chunk.key}",
             chunk.points_K[order],
-            chunk.rgb[order],
+            tinted(chunk)[order],
             point_size=POINT_SIZE_M,
             point_shading="flat",
             precision="float16",
@@ -285,3 +298,4 @@ class Viewer:
             period_s = (None if last is None else last.head.window_s) or USUAL_PERIOD_S
             self._scene.show_path("estimate", list(view.estimate.rows), period_s)
             self._scene.show_path("truth", list(view.truth.rows), period_s)
+            self._scene.show_path("new_map", list(view.new_map.rows), period_s)

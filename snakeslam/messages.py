@@ -137,12 +137,27 @@ class Health:
     """A verdict with its reasons in words, for the operator.
 
     ``innovation`` is the median of the squared innovations over what is foreseen, None where too few were tried.
+    ``map_connected`` is False after a new start whose map nothing ties to the one before: the pose is good within the
+    new map, and may be metres off in the old one.
     """
 
     verdict: Verdict
     reasons: tuple[str, ...] = ()
     tracks: int = 0
     innovation: float | None = None
+    map_connected: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class MapTie:
+    """Map ``island`` was found to be part of map ``into``: ``T`` (4, 4) brings what was published of it there."""
+
+    island: int
+    into: int
+    T: Float
+
+    def __post_init__(self) -> None:
+        _read_only(self, {"T": np.float64})
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,7 +181,8 @@ class PoseEstimate:
 class MapChunk:
     """Coloured points of one keyframe, in its camera's frame; a higher ``revision`` replaces a lower one.
 
-    ``T_WK`` (4, 4), ``points_K`` (N, 3) float32 m, ``rgb`` (N, 3) uint8.
+    ``T_WK`` (4, 4), ``points_K`` (N, 3) float32 m, ``rgb`` (N, 3) uint8. ``island`` is 0 for the first map and all that
+    is connected to it; another number is that of a map which nothing ties to it yet.
     """
 
     key: int
@@ -174,6 +190,7 @@ class MapChunk:
     T_WK: Float
     points_K: NDArray[np.float32]
     rgb: NDArray[np.uint8]
+    island: int = 0
 
     def __post_init__(self) -> None:
         _read_only(self, {"T_WK": np.float64, "points_K": np.float32, "rgb": np.uint8})
@@ -184,7 +201,8 @@ class SlamUpdate:
     """All that ``slam`` says of one camera frame.
 
     ``pose`` is None until initialised; ``tracks_px`` (N, 2) float32 with ``track_ids`` (N,) and ``track_inliers`` (N,)
-    are for the overlay; ``chunks`` are new or revised; ``events`` are words for the timeline ("reset", ...).
+    are for the overlay; ``chunks`` are new or revised; ``events`` are words for the timeline ("reset", ...). The pose
+    is in map ``island``; ``tie`` says that the map of the frames before was found to be part of this one.
     """
 
     t_ns: int
@@ -196,6 +214,8 @@ class SlamUpdate:
     track_inliers: NDArray[np.bool_]
     chunks: tuple[MapChunk, ...] = ()
     events: tuple[str, ...] = ()
+    island: int = 0
+    tie: MapTie | None = None
 
     def __post_init__(self) -> None:
         _read_only(self, {"tracks_px": np.float32, "track_ids": np.int64, "track_inliers": np.bool_})

@@ -67,11 +67,14 @@ class Slam:
             track_inliers=estimate.track_inliers,
             chunks=self._map(packet, estimate),
             events=estimate.events,
+            island=estimate.island,
+            tie=estimate.tie,
         )
 
     def _map(self, frame: CameraFrame, estimate: FrameEstimate) -> tuple[MapChunk, ...]:
-        """Only frames that the camera supports add to the map."""
+        """Only frames that the camera supports add to the map; a map that was tied to an earlier one moves there."""
+        moved = () if estimate.tie is None else self._mapper.tie(estimate.tie)
         if estimate.pose is None or not estimate.health.verdict.tracked:
-            return ()
+            return moved
         T_IC = self._T_IC if estimate.T_IC is None else estimate.T_IC
-        return self._mapper.update(frame, estimate.pose.T_WI @ T_IC)
+        return (*moved, *self._mapper.update(frame, estimate.pose.T_WI @ T_IC, estimate.island))

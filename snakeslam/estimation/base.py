@@ -6,7 +6,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from snakeslam.messages import Float, Health, Packet, PoseEstimate
+from snakeslam.messages import Float, Health, MapTie, Packet, PoseEstimate
 
 
 @dataclass(frozen=True, slots=True)
@@ -15,7 +15,8 @@ class FrameEstimate:
 
     ``pose`` is None until initialised; ``tracks_px`` (M, 2) with ``track_ids`` (M,) and ``track_inliers`` (M,) are the
     features followed into this frame; ``events`` are words for the timeline ("initialised", "reset", ...); ``T_IC`` is
-    the camera on the IMU, None where it is as calibrated.
+    the camera on the IMU, None where it is as calibrated; ``island`` is the map that the pose is in, 0 the first one;
+    ``tie`` says that the present map has just been found to be part of an earlier one.
     """
 
     t_ns: int
@@ -27,6 +28,8 @@ class FrameEstimate:
     track_inliers: NDArray[np.bool_]
     events: tuple[str, ...] = ()
     T_IC: Float | None = None
+    island: int = 0
+    tie: MapTie | None = None
 
 
 class Estimator(Protocol):

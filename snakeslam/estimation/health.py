@@ -1,6 +1,6 @@
 """What the estimator says of itself: a verdict for each frame, with its reasons in words."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -9,6 +9,8 @@ from snakeslam.estimation.settings import HealthSettings
 from snakeslam.messages import Float, Health, Verdict
 
 ENOUGH_TRIED = 5
+NEW_MAP, TIED = "new map, not connected to the old one", "tied to the old map again"
+"""Events; the first is a reason as well, for as long as it is so."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,3 +89,11 @@ def _reasons(evidence: Evidence, settings: HealthSettings) -> tuple[str, ...]:
         *evidence.gait_faults,
         *(("dead reckoning on IMU and gait",) if reckons else ()),
     )
+
+
+def in_map(health: Health, island: int) -> Health:
+    """Return the verdict of a pose in map ``island``: one that nothing ties to the first map (0) is never good."""
+    if island == 0:
+        return health
+    verdict = Verdict.DEGRADED if health.verdict is Verdict.GOOD else health.verdict
+    return replace(health, verdict=verdict, reasons=(NEW_MAP, *health.reasons), map_connected=False)

@@ -5,12 +5,15 @@ together, by what ``vio`` has drifted, and apart, by a little noise. Only the no
 in the published covariance, P_head + drift, and never shrinks by being observed again and again.
 """
 
+from dataclasses import replace
+
 import numpy as np
 
 from snakeslam.errors import InputError
 from snakeslam.estimation.base import Estimator, FrameEstimate
 from snakeslam.estimation.gait_motion import rotation
 from snakeslam.estimation.gait_prediction import GaitPrediction
+from snakeslam.estimation.health import NEW_MAP, TIED
 from snakeslam.estimation.planar import PlanarState, wrapped
 from snakeslam.estimation.settings import EstimatorSettings
 from snakeslam.geometry import se3, so3
@@ -52,7 +55,9 @@ class PlanarOdometry:
     def _fuse(self, t_ns: int, estimate: FrameEstimate) -> FrameEstimate:
         if not self._prediction.ready or (self._state is None and estimate.pose is None):
             return estimate
-        self._restarted |= "reset" in estimate.events
+        # The gait's model carries the head over a new start of ``vio``, so that all is one map.
+        self._restarted |= "reset" in estimate.events or estimate.tie is not None
+        estimate = _in_one_map(estimate)
         if self._state is not None:
             self._prediction.bring(self._state, t_ns)
         if estimate.pose is None:
@@ -197,6 +202,18 @@ def _turned(cov: Float, R: Float) -> Float:
     A = np.eye(9)
     A[:3, :3] = R
     return A @ cov @ A.T
+
+
+def _in_one_map(estimate: FrameEstimate) -> FrameEstimate:
+    """Return the estimate without what ``vio`` says of its maps."""
+    if estimate.island == 0 and estimate.tie is None:
+        return estimate
+    health = estimate.health
+    reasons = tuple(reason for reason in health.reasons if reason != NEW_MAP)
+    good = health.verdict is Verdict.DEGRADED and not reasons
+    health = replace(health, verdict=Verdict.GOOD if good else health.verdict, reasons=reasons, map_connected=True)
+    events = tuple(event for event in estimate.events if event not in (NEW_MAP, TIED))
+    return replace(estimate, health=health, events=events, island=0, tie=None)
 
 
 def _with_pose(estimate: FrameEstimate, pose: PoseEstimate, health: Health) -> FrameEstimate:

@@ -5,10 +5,11 @@ from numpy.typing import NDArray
 
 from snakeslam.estimation.base import FrameEstimate
 from snakeslam.estimation.frontend import FrontendFrame
+from snakeslam.estimation.health import in_map
 from snakeslam.estimation.starting import Seen
 from snakeslam.estimation.state import State
 from snakeslam.geometry import se3
-from snakeslam.messages import CameraFrame, Health, PoseEstimate
+from snakeslam.messages import CameraFrame, Health, MapTie, PoseEstimate
 
 POSE_AND_VELOCITY = slice(0, 9)
 
@@ -20,16 +21,19 @@ def frame_estimate(
     health: Health,
     events: tuple[str, ...] = (),
     shift_ns: int = 0,
+    island: int = 0,
+    tie: MapTie | None = None,
 ) -> FrameEstimate:
     """Return what is said of a frame; the pose is that of the time at which the filter has found the picture taken."""
     pose = None
     if state is not None:
+        health = in_map(health, island)
         cov = state.cov[POSE_AND_VELOCITY, POSE_AND_VELOCITY].copy()
         pose = PoseEstimate(state.t_ns - shift_ns, state.T_WI, state.v_W.copy(), cov, health)
     px, ids, inliers = _overlay(seen.features if seen is not None else None)
     mount = None if state is None else state.mount
     T_IC = None if mount is None else se3.from_rt(mount.R_IC, mount.p_IC)
-    return FrameEstimate(frame.t_ns, frame.seq, pose, health, px, ids, inliers, events, T_IC)
+    return FrameEstimate(frame.t_ns, frame.seq, pose, health, px, ids, inliers, events, T_IC, island, tie)
 
 
 def _overlay(

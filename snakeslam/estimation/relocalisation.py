@@ -24,9 +24,13 @@ from snakeslam.estimation.state import P, State
 from snakeslam.estimation.visual_map import VisualMap
 from snakeslam.estimation.visual_match import NOTHING, Match, Matcher, View, look
 from snakeslam.geometry import se3, so3
-from snakeslam.messages import CameraFrame, Float
+from snakeslam.messages import CameraFrame, Float, MapTie
 
 MOST_KEYFRAMES = 24
+MOST_SHELVED = 48
+"""Keyframes of maps that are not connected to the present one, kept to tie it to them."""
+TIE_EVERY_FRAMES, TIE_CANDIDATES = 10, 4
+"""While the present map is not connected, every so many frames so many of them are tried, in turn."""
 APART_M, APART_RAD = 0.15, np.deg2rad(15.0)
 """A picture is kept when none that is kept was taken so near and turned so alike."""
 MOST_SMEAR_PX = 3.0
@@ -44,11 +48,15 @@ LESS_CERTAIN = 2.0
 
 @dataclass(slots=True)
 class Keyframe:
-    """A kept picture, the pose (4, 4) of the IMU as the filter had it, and the covariance (3, 3) of its position."""
+    """A kept picture, the pose (4, 4) of the IMU as the filter had it, and the covariance (3, 3) of its position.
+
+    The pose is in map ``island``.
+    """
 
     frame: CameraFrame
     T_WI: Float
     cov_p: Float
+    island: int = 0
     view: View | None = field(default=None)
 
 
@@ -60,6 +68,8 @@ class Place(PlainRows):
     cov_p: Float
     keyframe_cov_p: Float
     """(3, 3), of the keyframe in which it was found."""
+    island: int = 0
+    """The map that the keyframe is in."""
 
     def residual(self, state: State) -> Float:
         """Return the whitened residual, (3,)."""
@@ -85,15 +95,19 @@ class Place(PlainRows):
 
 
 class Keyframes:
-    """Pictures of the way, the last ``MOST_KEYFRAMES`` of them."""
+    """Images of the present map ``island``, the last MOST_KEYFRAMES, and of maps that nothing ties it to yet."""
 
     def __init__(self, settings: EstimatorSettings, cam0: CameraCalibration, seed: int) -> None:
         self._settings = settings
         self._camera = PinholeCamera(cam0)
         self._T_IC = cam0.T_IC
+        self.focal_px = self._camera.focal_px
         self._orb = OrbExtractor(settings.visual)
         self._matcher = Matcher(settings.visual, self._camera, seed)
         self._kept: list[Keyframe] = []
+        self._shelved: list[Keyframe] = []
+        self._tried = 0
+        self.island = 0
 
     def see(self, frame: CameraFrame, features: FrontendFrame, state: State) -> None:
         """Keep a picture with depth, sharp and of another view than those that are kept."""
@@ -101,12 +115,20 @@ class Keyframes:
             return
         if self._kept and self._apart(state.T_WI).min() < 1.0:
             return
-        self._kept.append(Keyframe(replace(frame, rgb=None), state.T_WI, state.cov[P, P].copy()))
+        self._kept.append(Keyframe(replace(frame, rgb=None), state.T_WI, state.cov[P, P].copy(), self.island))
         del self._kept[:-MOST_KEYFRAMES]
 
-    def clear(self) -> None:
-        """Forget them."""
-        self._kept.clear()
+    def begin(self, island: int) -> None:
+        """Begin a map to which nothing ties the keyframes so far: they are shelved."""
+        self._shelved = [*self._shelved, *self._kept][-MOST_SHELVED:]
+        self._kept, self.island = [], island
+
+    def tie(self, tie: MapTie) -> None:
+        """The present map is part of an earlier one: its keyframes go there, and those there are of use again."""
+        moved = [replace(k, T_WI=tie.T @ k.T_WI, island=tie.into) for k in self._kept]
+        again = [k for k in self._shelved if k.island == tie.into]
+        self._shelved = [k for k in self._shelved if k.island != tie.into]
+        self._kept, self.island = [*again, *moved][-MOST_KEYFRAMES:], tie.into
 
     def find(self, frame: CameraFrame, foreseen_WI: Float | None) -> Place | None:
         """Return where the picture was taken, sought about a foreseen pose, or in the newest; None if nowhere."""
@@ -115,13 +137,25 @@ class Keyframes:
         candidates = self._kept[::-1]
         if foreseen_WI is not None:
             candidates = [self._kept[k] for k in np.argsort(self._apart(foreseen_WI), kind="stable")]
+        return self._first_match(candidates[:MOST_CANDIDATES], frame, foreseen_WI)
+
+    def find_shelved(self, frame: CameraFrame) -> Place | None:
+        """Return where the next few keyframes of other maps put the image, by descriptors alone; None if nowhere."""
+        if frame.depth_m is None or not self._shelved:
+            return None
+        count = min(TIE_CANDIDATES, len(self._shelved))
+        candidates = [self._shelved[(self._tried + k) % len(self._shelved)] for k in range(count)]
+        self._tried += count
+        return self._first_match(candidates, frame, None)
+
+    def _first_match(self, candidates: list[Keyframe], frame: CameraFrame, foreseen_WI: Float | None) -> Place | None:
         view = self._look(frame)
-        for keyframe in candidates[:MOST_CANDIDATES]:
+        for keyframe in candidates:
             fit = self._match(keyframe, view, frame.t_ns, foreseen_WI)
             if fit is not None:
                 T_WI = keyframe.T_WI @ fit.T_WC
                 cov_p = keyframe.cov_p + T_WI[:3, :3] @ fit.cov[:3, :3] @ T_WI[:3, :3].T
-                return Place(T_WI, cov_p, keyframe.cov_p)
+                return Place(T_WI, cov_p, keyframe.cov_p, keyframe.island)
         return None
 
     def _apart(self, T_WI: Float) -> Float:
@@ -173,6 +207,8 @@ class Relocaliser:
         self._keyframes = Keyframes(settings, cam0, seed)
         self._tries = 0
         self._frames = 0
+        self._maps = 0
+        self._since_tie = 0
 
     def see(self, frame: CameraFrame, features: FrontendFrame, state: State, blind_s: float) -> Place | None:
         """Take a frame that supports the state after ``blind_s`` without one; return a place that tells more."""
@@ -193,9 +229,29 @@ class Relocaliser:
         self._tries = 0
 
     def start(self, frame: CameraFrame) -> Place | None:
-        """Return where the newest pictures put the first frame after a reset; what puts it nowhere is forgotten."""
+        """Return where the newest pictures put the first frame after a reset; None begins a map of its own."""
         self._tries = 0
         place = self._keyframes.find(frame, None)
         if place is None:
-            self._keyframes.clear()
+            self._keyframes.begin(self._maps)
+            self._maps += 1
         return place
+
+    @property
+    def island(self) -> int:
+        """The map that the state is in: 0 is the first, and whatever is tied to it."""
+        return self._keyframes.island
+
+    def find_old_map(self, frame: CameraFrame, features: FrontendFrame) -> Place | None:
+        """Return where a frame of a map that is not connected lies in an earlier one; None mostly."""
+        self._since_tie += 1
+        sharp = features.smear * self._keyframes.focal_px <= MOST_SMEAR_PX
+        if self.island == 0 or self._since_tie < TIE_EVERY_FRAMES or not sharp:
+            return None
+        self._since_tie = 0
+        return self._keyframes.find_shelved(frame)
+
+    def tie(self, tie: MapTie) -> None:
+        """The present map is part of an earlier one."""
+        self._tries = 0
+        self._keyframes.tie(tie)

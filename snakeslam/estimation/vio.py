@@ -20,7 +20,7 @@ from snakeslam.estimation.frontend import Frontend, FrontendFrame
 from snakeslam.estimation.gait_aid import GaitAid
 from snakeslam.estimation.gait_rows import GaitWay
 from snakeslam.estimation.gating import Agreement
-from snakeslam.estimation.health import Evidence, judge, supports
+from snakeslam.estimation.health import NEW_MAP, TIED, Evidence, judge, supports
 from snakeslam.estimation.preintegration import ImuBuffer
 from snakeslam.estimation.published import frame_estimate
 from snakeslam.estimation.relocalisation import Relocaliser
@@ -32,7 +32,7 @@ from snakeslam.estimation.starting import AT_REST, Seen, Starter
 from snakeslam.estimation.state import CORE, P, State, V
 from snakeslam.estimation.stillness import REST_NS, Rest, RestDetector
 from snakeslam.geometry import se3, so3
-from snakeslam.messages import CameraFrame, Float, Health, ImuSample, JointState, Packet, Verdict
+from snakeslam.messages import CameraFrame, Float, Health, ImuSample, JointState, MapTie, Packet, Verdict
 
 REST_MEAN_NS = 500_000_000
 REST_SPEED_M_S = 0.01
@@ -179,12 +179,14 @@ class VisualInertialOdometry:
             evidence = replace(evidence, gait_holds=holds, gait_faults=self._gait.reasons)
             health = health.model_copy(update={"max_blind_s": self._gait.settings.max_blind_s}) if holds else health
         events: tuple[str, ...] = ()
+        tie: MapTie | None = None
         if supports(evidence, health):
             events = self._relocalise(frame, seen, window, evidence.blind_s)
+            tie = self._tie(frame, seen, state)
             self._supported_ns = seen.t_ns
             self._anchor = (float(so3.yaw(state.R_WI)), state.p_WI)
             evidence = replace(evidence, blind_s=0.0)
-        return self._conclude(frame, seen, state, judge(evidence, health), events)
+        return self._conclude(frame, seen, state, judge(evidence, health), events, tie)
 
     def _relocalise(self, frame: CameraFrame, seen: Seen, window: SlidingWindow, blind_s: float) -> tuple[str, ...]:
         """After a time without sight look where the head has come to; return what to say of it."""
@@ -193,6 +195,18 @@ class VisualInertialOdometry:
             return ()
         self._relocaliser.found()
         return ("relocalised",)
+
+    def _tie(self, frame: CameraFrame, seen: Seen, state: State) -> MapTie | None:
+        """Look for a map that is not connected in the keyframes of those before, and move the state to where it is."""
+        island, place = self._relocaliser.island, self._relocaliser.find_old_map(frame, seen.features)
+        if place is None:
+            return None
+        before = state.T_WI
+        state.make_origin(float(so3.yaw(place.T_WI[:3, :3])), place.T_WI[:3, 3])
+        tie = MapTie(island, place.island, state.T_WI @ se3.inv(before))
+        self._v_mean_W = tie.T[:3, :3] @ self._v_mean_W
+        self._relocaliser.tie(tie)
+        return tie
 
     @staticmethod
     def _correct(seen: Seen, window: SlidingWindow, rest: Rest | None, way: GaitWay | None) -> Report:
@@ -204,13 +218,20 @@ class VisualInertialOdometry:
         return window.carry(way) if way is not None else Report.none()
 
     def _conclude(
-        self, frame: CameraFrame, seen: Seen, state: State, health: Health, events: tuple[str, ...]
+        self,
+        frame: CameraFrame,
+        seen: Seen,
+        state: State,
+        health: Health,
+        events: tuple[str, ...],
+        tie: MapTie | None = None,
     ) -> FrameEstimate:
         """Publish; start anew when the filter is lost."""
         self._imu.forget_before(min(state.t_ns - REST_NS, self._picture_ns or state.t_ns))
         if health.verdict is not Verdict.LOST:
             self._bias_g = state.bias_g
-            return frame_estimate(frame, seen, state, health, events, self._shift_ns)
+            events = (*events, TIED) if tie is not None and tie.into == 0 else events
+            return frame_estimate(frame, seen, state, health, events, self._shift_ns, self._relocaliser.island, tie)
         self._reset(state)
         return frame_estimate(frame, seen, None, health, ("reset",))
 
@@ -241,13 +262,15 @@ class VisualInertialOdometry:
         if place is not None:
             self._anchor = (float(so3.yaw(place.T_WI[:3, :3])), place.T_WI[:3, 3])
             events = (event, "relocalised")
+        elif self._relocaliser.island:
+            events = (event, NEW_MAP)
         state.make_origin(*self._anchor)
         if event == AT_REST:
             self._rest.begin(seen.t_ns, seen.features)
         self._bias_g = state.bias_g
         self._supported_ns = seen.t_ns
         health = Health(Verdict.GOOD, (), seen.features.followed)
-        return frame_estimate(frame, seen, state, health, events, self._shift_ns)
+        return frame_estimate(frame, seen, state, health, events, self._shift_ns, self._relocaliser.island)
 
     def _motion(self, t_ns: int) -> Float:
         """Return T_C1C0, about how the camera has moved since the last new picture: as the filter foresees.

@@ -13,18 +13,22 @@ from snakeslam.calibration import SensorRig
 from snakeslam.errors import InputError
 from snakeslam.estimation.base import FrameEstimate
 from snakeslam.estimation.camera import PinholeCamera
+from snakeslam.estimation.health import NEW_MAP, TIED, in_map
 from snakeslam.estimation.orb import OrbExtractor
 from snakeslam.estimation.roll import RollPrior, with_roll
 from snakeslam.estimation.settings import EstimatorSettings
 from snakeslam.estimation.visual_map import VisualMap
 from snakeslam.estimation.visual_match import Match, Matcher, View, look
 from snakeslam.geometry import se3
-from snakeslam.messages import CameraFrame, Float, Health, Packet, PoseEstimate, Verdict
+from snakeslam.messages import CameraFrame, Float, Health, MapTie, Packet, PoseEstimate, Verdict
 
 MIN_START_POINTS = 50
 MIN_SHARE = 0.3
 """Part of the close matches that must agree."""
 COAST_S = 0.3
+MOST_OLD_MAPS = 4
+TIE_EVERY_FRAMES = 10
+"""While the present map is not connected, every so many frames the ones before are searched for it."""
 NO_PAIRS = np.empty(0, np.int64)
 BLIND_SIGMA_M_S = 0.5
 BLIND_SIGMA_RAD_S = 1.0
@@ -65,6 +69,10 @@ class VisualOdometry:
         self._track: _Track | None = None
         self._tracked_ns: int | None = None
         self._lost = False
+        self._island, self._maps = 0, 0
+        self._old: list[tuple[int, VisualMap]] = []
+        """Maps to which nothing ties the present one yet, with their numbers."""
+        self._since_tie = 0
         self._roll = RollPrior()
         self._gray: NDArray[np.uint8] | None = None
 
@@ -101,12 +109,17 @@ class VisualOdometry:
         return self._begin(frame, view, T_WC, np.zeros((6, 6)), (*events, "initialised"))
 
     def _begin(self, frame: CameraFrame, view: View, T_WC: Float, cov: Float, events: tuple[str, ...]) -> FrameEstimate:
+        if self._maps:
+            self._old = [*self._old, (self._island, self._map)][-MOST_OLD_MAPS:]
+            events = (*events, NEW_MAP)
+        self._island, self._maps = self._maps, self._maps + 1
         self._map = VisualMap(self._settings)
         self._map.add_keyframe(T_WC, cov, view, NO_PAIRS, NO_PAIRS)
         self._track = _Track(frame.t_ns, T_WC, cov, np.zeros(6))
         self._tracked_ns, self._lost = frame.t_ns, False
-        health = Health(Verdict.GOOD, (), self._map.points.count)
-        return _estimate(frame, self._pose(self._track, np.zeros(3), health), health, None, events)
+        return self._estimate(
+            frame, self._track, np.zeros(3), Health(Verdict.GOOD, (), self._map.points.count), None, events
+        )
 
     def _follow(self, frame: CameraFrame, view: View, track: _Track) -> FrameEstimate:
         match = self._matcher.near(view, self._map, self._predict(track, frame.t_ns))
@@ -155,6 +168,11 @@ class VisualOdometry:
     def _accept(
         self, frame: CameraFrame, view: View, track: _Track, match: Match, events: tuple[str, ...]
     ) -> FrameEstimate:
+        tie = self._tie(view, match.fit.T_WC)
+        if tie is not None:
+            # Of this frame the old map is told, which the next one follows.
+            track = replace(track, T_WC=tie[0].T @ track.T_WC)
+            match, events = tie[1], (*events, TIED) if tie[0].into == 0 else events
         T_WC = match.fit.T_WC
         dt_s = (frame.t_ns - track.t_ns) / 1e9
         coasted = frame.t_ns - track.t_ns > COAST_S * 1e9
@@ -166,7 +184,23 @@ class VisualOdometry:
         health = self._health(match, view)
         p_before, p_now = (_imu_position(T, self._T_CI) for T in (track.T_WC, T_WC))
         velocity = np.zeros(3) if coasted else (p_now - p_before) / dt_s
-        return _estimate(frame, self._pose(published, velocity, health), health, match, events)
+        return self._estimate(frame, published, velocity, health, match, events, None if tie is None else tie[0])
+
+    def _tie(self, view: View, T_WC: Float) -> tuple[MapTie, Match] | None:
+        """Look for a frame of a map that is not connected in the maps before; go on in the one that it is found in."""
+        self._since_tie += 1
+        if self._island == 0 or self._since_tie < TIE_EVERY_FRAMES:
+            return None
+        self._since_tie = 0
+        for at, (island, known) in enumerate(self._old):
+            match = self._matcher.anywhere(view, known)
+            if match is None or match.agreeing < max(self._settings.relocalise_inliers, MIN_SHARE * len(match.point)):
+                continue
+            tie = MapTie(self._island, island, match.fit.T_WC @ se3.inv(T_WC))
+            self._map, self._island = known, island
+            del self._old[at]
+            return tie, match
+        return None
 
     def _learn(self, view: View, match: Match, cov: Float) -> Float:
         """Take the frame into the map where it adds something; return T_WC, which that may have changed."""
@@ -202,7 +236,22 @@ class VisualOdometry:
                 return self._begin(frame, view, guess.T_WC, guess.cov, ("reset",))
             return _estimate(frame, None, health, match, ())
         health = Health(Verdict.BLIND, reasons, count)
-        return _estimate(frame, self._pose(guess, np.zeros(3), health), health, match, ())
+        return self._estimate(frame, guess, np.zeros(3), health, match, ())
+
+    def _estimate(
+        self,
+        frame: CameraFrame,
+        track: _Track,
+        v_W: Float,
+        health: Health,
+        match: Match | None,
+        events: tuple[str, ...],
+        tie: MapTie | None = None,
+    ) -> FrameEstimate:
+        """Publish a pose, with the map that it is in."""
+        health = in_map(health, self._island)
+        estimate = _estimate(frame, self._pose(track, v_W, health), health, match, events)
+        return replace(estimate, island=self._island, tie=tie)
 
     def _pose(self, track: _Track, v_W: Float, health: Health) -> PoseEstimate:
         """Return the IMU's pose, its covariance in the order (theta_I, p_W, v_W)."""

@@ -1,5 +1,7 @@
 """Which frames become keyframes, and the chunk that each one adds to the map."""
 
+from dataclasses import dataclass, field, replace
+
 import numpy as np
 
 from snakeslam.calibration import CameraCalibration
@@ -8,7 +10,19 @@ from snakeslam.geometry import se3, so3
 from snakeslam.mapping.chunks import depth_points
 from snakeslam.mapping.settings import MappingSettings
 from snakeslam.mapping.voxels import Voxels
-from snakeslam.messages import CameraFrame, Float, MapChunk
+from snakeslam.messages import CameraFrame, Float, MapChunk, MapTie
+
+
+@dataclass(slots=True)
+class _Island:
+    """One map: the cubes of its world that have a point, its keyframes' poses (K, 4, 4), and its chunks.
+
+    The chunks of the first map, which never moves, are not kept.
+    """
+
+    voxels: Voxels
+    Ts_WK: Float = field(default_factory=lambda: np.empty((0, 4, 4)))
+    chunks: list[MapChunk] = field(default_factory=list)
 
 
 class KeyframeMapper:
@@ -17,21 +31,47 @@ class KeyframeMapper:
     def __init__(self, settings: MappingSettings, calibration: CameraCalibration) -> None:
         self._settings = settings
         self._camera = PinholeCamera(calibration)
-        self._voxels = Voxels(settings.voxel_m)
-        self._Ts_WK = np.empty((0, 4, 4))
+        self._islands: dict[int, _Island] = {}
+        self._keyframes = 0
         self._last: tuple[int, Float] | None = None
 
-    def update(self, frame: CameraFrame, T_WC: Float) -> tuple[MapChunk, ...]:
-        """Return the new chunk of a frame: the points of a new view where the map has none; nothing if blurred."""
+    def update(self, frame: CameraFrame, T_WC: Float, number: int = 0) -> tuple[MapChunk, ...]:
+        """Return the new chunk of a frame: the points of a new view where its map has none; nothing if blurred.
+
+        ``number`` is that of the map, 0 for the first one and all that is connected to it.
+        """
+        island = self._island(number)
         blurred = self._turns_fast(frame.t_ns, T_WC)
-        if frame.depth_m is None or blurred or not self._is_new(T_WC):
+        if frame.depth_m is None or blurred or not _is_new(island.Ts_WK, T_WC, self._settings):
             return ()
         points_K, rgb = depth_points(frame, self._camera, self._settings)
-        self._Ts_WK = np.concatenate([self._Ts_WK, T_WC[None]])
-        chosen = self._voxels.fill(se3.act(T_WC, points_K), self._settings.max_points)
+        island.Ts_WK = np.concatenate([island.Ts_WK, T_WC[None]])
+        key, self._keyframes = self._keyframes, self._keyframes + 1
+        chosen = island.voxels.fill(se3.act(T_WC, points_K), self._settings.max_points)
         if not len(chosen):
             return ()
-        return (MapChunk(len(self._Ts_WK) - 1, 0, T_WC, points_K[chosen].astype(np.float32), rgb[chosen]),)
+        chunk = MapChunk(key, 0, T_WC, points_K[chosen].astype(np.float32), rgb[chosen], number)
+        if number:
+            island.chunks.append(chunk)
+        return (chunk,)
+
+    def tie(self, tie: MapTie) -> tuple[MapChunk, ...]:
+        """Move a map to where it lies in an earlier one; return its chunks there, each a revision."""
+        moved, into = self._islands.pop(tie.island, None), self._island(tie.into)
+        # The last frame's pose was in the other map.
+        self._last = None
+        if moved is None:
+            return ()
+        into.Ts_WK = np.concatenate([into.Ts_WK, tie.T @ moved.Ts_WK])
+        chunks = [replace(c, revision=c.revision + 1, T_WK=tie.T @ c.T_WK, island=tie.into) for c in moved.chunks]
+        for chunk in chunks:
+            into.voxels.fill(se3.act(chunk.T_WK, chunk.points_K.astype(np.float64)), len(chunk.points_K))
+        if tie.into:
+            into.chunks += chunks
+        return tuple(chunks)
+
+    def _island(self, number: int) -> _Island:
+        return self._islands.setdefault(number, _Island(Voxels(self._settings.voxel_m)))
 
     def _turns_fast(self, t_ns: int, T_WC: Float) -> bool:
         last, self._last = self._last, (t_ns, T_WC)
@@ -40,10 +80,11 @@ class KeyframeMapper:
         angle_rad = np.linalg.norm(so3.log(last[1][:3, :3].T @ T_WC[:3, :3]))
         return bool(np.rad2deg(angle_rad) > self._settings.max_rate_deg_s * (t_ns - last[0]) / 1e9)
 
-    def _is_new(self, T_WC: Float) -> bool:
-        """Whether no keyframe is both near and turned the same way."""
-        to_keyframes = self._Ts_WK[:, :3, 3] - T_WC[:3, 3]
-        far = np.einsum("ni,ni->n", to_keyframes, to_keyframes) > self._settings.keyframe_distance_m**2
-        cosine = (np.einsum("nij,ij->n", self._Ts_WK[:, :3, :3], T_WC[:3, :3]) - 1.0) / 2.0
-        turned = cosine < np.cos(np.deg2rad(self._settings.keyframe_angle_deg))
-        return bool(np.all(far | turned))
+
+def _is_new(Ts_WK: Float, T_WC: Float, settings: MappingSettings) -> bool:
+    """Whether no keyframe is both near and turned the same way."""
+    to_keyframes = Ts_WK[:, :3, 3] - T_WC[:3, 3]
+    far = np.einsum("ni,ni->n", to_keyframes, to_keyframes) > settings.keyframe_distance_m**2
+    cosine = (np.einsum("nij,ij->n", Ts_WK[:, :3, :3], T_WC[:3, :3]) - 1.0) / 2.0
+    turned = cosine < np.cos(np.deg2rad(settings.keyframe_angle_deg))
+    return bool(np.all(far | turned))

@@ -7,6 +7,7 @@ from time import monotonic
 
 import numpy as np
 
+from snakeslam.estimation.health import NEW_MAP
 from snakeslam.geometry import se3
 from snakeslam.messages import (
     CameraFrame,
@@ -141,7 +142,7 @@ class LiveSink:
         if "reset" in update.events:
             self._still.restart()
         for text in update.events:
-            self._put(Event(update.t_ns, "warning" if text == "reset" else "info", text))
+            self._put(Event(update.t_ns, "warning" if text in ("reset", NEW_MAP) else "info", text))
         self._tell_features(update)
 
     def due(self) -> bool:

@@ -30,6 +30,7 @@ from snakeslam.runtime.answers import Answers
 from snakeslam.runtime.assembly import build_governor
 from snakeslam.runtime.blindness import Blindness
 from snakeslam.runtime.driving import SILENT_HAND, Driving
+from snakeslam.runtime.guard import STEP_S
 from snakeslam.runtime.log_limit import LogLimit, error_words
 from snakeslam.runtime.pacing import Pacer
 from snakeslam.runtime.safety import LOST, Safety
@@ -50,6 +51,8 @@ from snakeslam.runtime.wire import Estimate, Order, Sensors
 from snakeslam.runtime.words import head_words
 
 _log = structlog.get_logger("robot")
+UNSEEN_S = 1.0
+"""So much motion at most goes unseen until a silent slam is noticed and the robot has braked."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,6 +100,7 @@ class Robot:
         self.pacer = Pacer()
         self.last_pose: PoseEstimate | None = None
         """The newest there was, though slam may have none now."""
+        self._steps_unseen = 0
         self._pose: PoseEstimate | None = None
         self._imu: ImuSample | None = None
         self._joints: JointState | None = None
@@ -154,9 +158,16 @@ class Robot:
         if estimate.boot != self.boot:
             return
         self._pose, self.last_pose = estimate.pose, estimate.pose or self.last_pose
+        if estimate.pose is not None:
+            self._steps_unseen = 0
         self._blindness.add(estimate.t_ns, estimate.health)
         if self._governor is not None:
             self._control.throttle = self._governor.step(estimate.t_ns, estimate.health).pace
+
+    @property
+    def last_pose_holds(self) -> bool:
+        """Whether the robot has hardly moved since ``last_pose``: it braked at most."""
+        return self._steps_unseen * STEP_S <= UNSEEN_S
 
     def step(self, now_ns: int, stamp_ns: int | None = None) -> Step | None:
         """Advance one control period, stamped ``stamp_ns`` (None: now); None at the end of the backend."""
@@ -167,6 +178,7 @@ class Robot:
             self.safety.guard.hold(SILENT_HAND)
             self._rest()
         self._watch_sight()
+        self._steps_unseen += self.safety.moving
         target = self._target = self._next_target(now_ns)
         self._notice_hold()
         packets = self.backend.step(target)

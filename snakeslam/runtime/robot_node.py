@@ -102,7 +102,13 @@ class RobotNode:
 
     def _newest_hello(self) -> Hello:
         robot = self._robot
-        return replace(self._hello, stamp_ns=monotonic_ns(), t_ns=robot.backend.t_ns, last_pose=robot.last_pose)
+        return replace(
+            self._hello,
+            stamp_ns=monotonic_ns(),
+            t_ns=robot.backend.t_ns,
+            last_pose=robot.last_pose,
+            last_pose_holds=robot.last_pose_holds,
+        )
 
     def _latch(self) -> None:
         """Handle the E-stops that have come: all are latched before anything else is done with the first."""

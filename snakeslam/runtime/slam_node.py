@@ -68,7 +68,7 @@ class Mapping:
         R_IC = hello.rig.cam0.T_IC[:3, :3]
         self._sink = LiveSink(model, put, R_IC, gravity_known=self.mode != "visual")
         self._merge = Merge()
-        self._anchor = Anchor(hello.last_pose, round(hello.t_ns * NS * KEYS_PER_S))
+        self._anchor = Anchor(hello.last_pose, round(hello.t_ns * NS * KEYS_PER_S), holds=hello.last_pose_holds)
         self._frames: deque[CameraFrame] = deque(maxlen=2)
         self._slam_ms = 0.0
         self.watch = SensorWatch.of(hello.rig, self.mode, joints=model is not None)

@@ -62,7 +62,8 @@ class Estimate:
 class Hello:
     """What a robot node is, said five times a second: ``boot`` is another for each start of it.
 
-    ``last_pose`` is the newest estimate it has heard, for a slam that begins anew; ``seed`` is that of the run.
+    ``last_pose`` is the newest estimate it has heard, for a slam that begins anew; ``last_pose_holds`` is False where
+    the robot has moved since then, beyond the braking of a hold; ``seed`` is that of the run.
     """
 
     boot: str
@@ -73,6 +74,7 @@ class Hello:
     seed: int
     simulated: bool
     last_pose: PoseEstimate | None = None
+    last_pose_holds: bool = True
 
 
 @dataclass(frozen=True, slots=True)

@@ -81,7 +81,9 @@ class Metrics:
     """The measured figures of one run.
 
     ``path_m`` is the length of the true path, of the estimated one where no truth is known then; ``speed_m_s`` is
-    net displacement over time, from the same.
+    net displacement over time, from the same. ``islands`` is the number of maps that nothing had tied together by the
+    end, ``connected_fraction`` the share of frames that were tracked in the first map, or in one tied to it, when
+    published.
     """
 
     frames: int
@@ -91,6 +93,8 @@ class Metrics:
     rpe_1s: RelativeErrors
     tracked_fraction: float | None
     resets: int
+    islands: int | None
+    connected_fraction: float | None
     nees: Consistency
     head: HeadMotion
     speed_m_s: float | None
@@ -130,6 +134,8 @@ def evaluate(
         ate_m=absolute_error(matched, Ts_matched, gravity_known),
         rpe_1s=RelativeErrors(*rpe) if isinstance(rpe, RelativeError) else RelativeErrors(),
         tracked_fraction=len(tracked) / len(updates) if updates else None,
+        islands=count_islands(updates),
+        connected_fraction=(sum(pose.health.map_connected for pose in tracked) / len(updates) if updates else None),
         resets=sum(update.events.count("reset") for update in updates),
         nees=consistency(poses, Ts_matched, gravity_known) if oriented else Consistency(),
         head=HeadMotion() if head is None else head_motion(true.at(true.t_ns >= head.from_ns), head.period_s),
@@ -163,6 +169,17 @@ def _nothing_tracked(updates: Sequence[SlamUpdate]) -> str:
     reasons = Counter(reason for update in updates for reason in update.health.reasons)
     said = "; ".join(f"{reason} ({count})" for reason, count in reasons.most_common(2)) or "no reason is known"
     return f"nothing was tracked in {len(updates)} images: {said}"
+
+
+def count_islands(updates: Sequence[SlamUpdate]) -> int | None:
+    """Return the number of maps in which the poses lie, those that were tied together counted once; None without."""
+    islands: set[int] = set()
+    for update in updates:
+        if update.tie is not None:
+            islands.discard(update.tie.island)
+        if update.pose is not None:
+            islands.add(update.island)
+    return len(islands) or None
 
 
 def tracked_poses(updates: Sequence[SlamUpdate]) -> list[PoseEstimate]:

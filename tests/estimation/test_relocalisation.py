@@ -119,7 +119,7 @@ def test_only_so_many_sharp_pictures_with_depth_of_other_views_are_kept() -> Non
         kept.see(frame, features(), state_at(k * away))
         kept.see(frame, features(), state_at((k + 0.5) * away))
         assert len(kept._kept) == min(k + 1, MOST_KEYFRAMES)
-    kept.clear()
+    kept.begin(1)
     kept.see(first_frame(Wall(depth=False)), features(), state_at(away))
     kept.see(frame, features(smear=0.1), state_at(away))
     assert not kept._kept

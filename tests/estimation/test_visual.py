@@ -7,6 +7,7 @@ import pytest
 from snakeslam.calibration import CameraCalibration, SensorRig
 from snakeslam.errors import InputError
 from snakeslam.estimation.base import FrameEstimate
+from snakeslam.estimation.health import NEW_MAP
 from snakeslam.estimation.settings import EstimatorSettings
 from snakeslam.estimation.visual import R_LEVEL_WC, VisualOdometry
 from snakeslam.geometry import se3, so3
@@ -170,7 +171,7 @@ def test_another_place_is_no_silent_wrong_pose_but_a_new_start() -> None:
     frames += [draw(k, way(k), elsewhere) for k in [*range(5, 9), late, late + 1]]
     estimates = run(frames)
     assert all(e.health.verdict is Verdict.BLIND for e in estimates[5:9])
-    assert estimates[9].events == ("reset",)
+    assert estimates[9].events == ("reset", NEW_MAP)
     assert estimates[10].health.verdict.tracked
     assert estimates[10].pose is not None
 

@@ -10,7 +10,8 @@ from snakeslam.runtime.spec import SessionSpec
 
 STEP_NS = 10_000_000
 FRAME_EVERY = 5
-BREAKS, ENDS, ENDS_WHEN_MOVED, BREAKS_WHEN_MOVED, COVERED_WHEN_MOVED = 1001, 1002, 1003, 1004, 1005
+BREAKS, ENDS, ENDS_WHEN_MOVED, BREAKS_WHEN_MOVED = 1001, 1002, 1003, 1004
+COVERED_WHEN_MOVED, ELSEWHERE_WHEN_MOVED = 1005, 1006
 WIDTH, HEIGHT, FOCAL_PX = 320, 240, 240.0
 
 
@@ -25,7 +26,8 @@ class StillRobot:
 
     It fails from ``fail_s`` on, or once it has moved by ``fail_rad``.
 
-    With ``cover_rad`` its camera is before a bare wall once it has moved by that much.
+    With ``cover_rad`` its camera is before a bare wall once it has moved by that much, with ``elsewhere_rad`` somewhere
+    else afterwards.
     """
 
     def __init__(
@@ -36,7 +38,9 @@ class StillRobot:
         end_rad: float = np.inf,
         fail_rad: float = np.inf,
         cover_rad: float = np.inf,
+        elsewhere_rad: float = np.inf,
     ) -> None:
+        self._elsewhere_rad, self._elsewhere = elsewhere_rad, _picture(np.random.default_rng(11))
         self._cover_rad = cover_rad
         self._model = PRESETS["orthogonal24"]
         self._end_s, self._fail_s, self._frame_every, self._end_rad = end_s, fail_s, frame_every, end_rad
@@ -96,6 +100,8 @@ class StillRobot:
             depth_m = np.full((HEIGHT, WIDTH), 1.0, dtype=np.float32)
             # A camera that gives the same picture twice counts as frozen.
             seen = self._picture if self._moved_rad < self._cover_rad else np.full_like(self._picture, 90)
+            if self._moved_rad >= self._elsewhere_rad:
+                seen = self._elsewhere
             gray = seen + self._rng.integers(0, 5, seen.shape, dtype=np.uint8)
             rgb = np.repeat(gray[:, :, None], 3, axis=2)
             packets.append(CameraFrame(t_ns, seq, gray, rgb, depth_m, exposure_ns=1_000_000))
@@ -117,5 +123,6 @@ def still_robot(spec: SessionSpec) -> StillRobot:
         fail_s=0.3 if seed == BREAKS else np.inf,
         end_rad=0.01 if seed == ENDS_WHEN_MOVED else np.inf,
         fail_rad=0.01 if seed == BREAKS_WHEN_MOVED else np.inf,
-        cover_rad=0.5 if seed == COVERED_WHEN_MOVED else np.inf,
+        cover_rad=0.5 if seed in (COVERED_WHEN_MOVED, ELSEWHERE_WHEN_MOVED) else np.inf,
+        elsewhere_rad=3.0 if seed == ELSEWHERE_WHEN_MOVED else np.inf,
     )

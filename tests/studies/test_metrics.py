@@ -257,6 +257,8 @@ def test_the_object_of_the_contract() -> None:
         "rpe_1s": {"trans_m": None, "rot_deg": None},
         "tracked_fraction": None,
         "resets": None,
+        "islands": None,
+        "connected_fraction": None,
         "nees": {"position": None, "orientation": None},
         "head": {
             "yaw_rms_deg": None,

@@ -81,6 +81,8 @@ export interface Health {
   verdict: Verdict;
   reasons: string[];
   tracks: number;
+  /** False after a new start whose map nothing ties to the old one. */
+  map_connected: boolean;
 }
 
 export type Role = "viewer" | "operator";

@@ -15,6 +15,8 @@ const WORDS: Record<Verdict, { word: string; meaning: string; icon: IconName }> 
   lost: { word: "Lost", meaning: "The pose cannot be trusted", icon: "cross" },
 };
 
+const NEW_MAP = "New map, not connected to the old one";
+
 const MODES: Record<string, string> = {
   visual: "visual (camera only)",
   vio: "visual-inertial",
@@ -44,9 +46,12 @@ export function mountEstimator(app: App): void {
     governor,
   );
   const show = (health: Health) => {
-    const words = WORDS[health.verdict];
-    if (box.dataset["verdict"] !== health.verdict) mark.replaceChildren(icon(words.icon));
-    box.dataset["verdict"] = health.verdict;
+    const apart = !health.map_connected && (health.verdict === "good" || health.verdict === "degraded");
+    const shown = apart ? "degraded" : health.verdict;
+    const words = apart ? { ...WORDS.degraded, word: NEW_MAP } : WORDS[health.verdict];
+    byId("new-map-key").hidden = health.map_connected;
+    if (box.dataset["verdict"] !== shown) mark.replaceChildren(icon(words.icon));
+    box.dataset["verdict"] = shown;
     setText(word, words.word);
     setText(why, health.reasons.length > 0 ? capitalised(health.reasons.join("; ")) : words.meaning);
   };

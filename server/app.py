@@ -110,6 +110,7 @@ def create_app(settings: ServerSettings, announce: Callable[[str], None]) -> Fas
 def _build(settings: ServerSettings, auth: Auth, metrics: Metrics, socket: Path) -> House:
     live, desk, bulk = Live(settings.spec.config), Desk(), Bulk()
     library = Library.of(list(settings.recordings))
+    telemetry = Telemetry(live, desk, metrics)
     return House(
         auth=auth,
         config=settings.spec.config,
@@ -117,9 +118,9 @@ def _build(settings: ServerSettings, auth: Auth, metrics: Metrics, socket: Path)
         live=live,
         desk=desk,
         teleop=Teleop(live, desk, metrics, settings.rates.teleop),
-        telemetry=Telemetry(live, desk, metrics),
+        telemetry=telemetry,
         viewer=Viewer(socket),
-        runs=Runs(settings.runs),
+        runs=Runs(settings.runs, telemetry.say),
         library=library,
         metrics=metrics,
         bulk=bulk,

@@ -6,6 +6,7 @@ from time import monotonic
 import numpy as np
 import structlog
 
+from server.background import attempt, keep_on
 from server.deps import House
 from server.problem import Problem
 from server.routes.control import tell
@@ -25,12 +26,15 @@ class Keeper:
 
     async def watch(self) -> None:
         """Look at the lease until cancelled."""
-        while True:
-            await asyncio.sleep(LOOK_S)
-            lease = self._house.desk.lapse()
-            if lease is not None:
-                tell(self._house, lease, "lapsed")
-                await self._stop()
+        await keep_on("the watch over the lease", self._look, self._house.telemetry.say)
+
+    async def _look(self) -> None:
+        await asyncio.sleep(LOOK_S)
+        lease = self._house.desk.lapse()
+        if lease is not None:
+            # The robot stops, whatever becomes of the words.
+            attempt("telling of the lease", lambda: tell(self._house, lease, "lapsed"))
+            await self._stop()
 
     async def hold(self) -> None:
         """Bring a robot that moves to a hold; waits for it HOLD_S at most."""

@@ -5,11 +5,13 @@ import contextlib
 import json
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import partial
 from http import HTTPStatus
 from typing import Literal
 
 import structlog
 
+from server.background import attempt, keep_on
 from server.problem import Problem
 from snakeslam.config import Config
 from snakeslam.gaits.command import configured_gait
@@ -302,7 +304,7 @@ class Live:
 
     def _tell(self, report: Report) -> None:
         for listener in self._listeners:
-            listener(report, self.view)
+            attempt("a listener of the session", partial(listener, report, self.view))
 
 
 class _Child:
@@ -350,9 +352,11 @@ class _Child:
 
     async def _pulse_on(self) -> None:
         """Tell the robot that this loop, and not just the process, is alive."""
-        while True:
-            self.host.pulse()
-            await asyncio.sleep(PULSE_S)
+        await keep_on("the server's pulse", self._pulse_once)
+
+    async def _pulse_once(self) -> None:
+        self.host.pulse()
+        await asyncio.sleep(PULSE_S)
 
     def _hand_over(self, report: Report) -> None:
         # A closed loop means that the server has ended; nobody listens any more.
@@ -364,4 +368,4 @@ class _Child:
             self._done = report.commands_done
             self._refusals = {refusal.number: refusal.reason for refusal in report.refusals}
             self._progress.set()
-        self._report(self, report)
+        attempt("a report of the session", partial(self._report, self, report))

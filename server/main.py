@@ -5,7 +5,6 @@ import secrets
 import signal
 import socket
 import sys
-import tempfile
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,6 +15,7 @@ from fastapi import FastAPI
 from server.app import ServerSettings, create_app
 from server.auth import TOKEN_VARIABLE, token_from_environment, viewer_token_from_environment
 from server.logs import configure_logs
+from snakeslam.claims import temporary_folder
 from snakeslam.config import Config
 from snakeslam.errors import InputError, SnakeslamError
 from snakeslam.garbage import collect_seldom
@@ -78,12 +78,12 @@ def serve(config: Config, *, host: str, port: int, recordings: list[Path], spec:
     token = given or secrets.token_urlsafe(24)
     spec = spec or SessionSpec(config, autostart=config.run.autostart)
     sys.setswitchinterval(SWITCH_S)
-    with bind(host, port) as listener, tempfile.TemporaryDirectory(prefix="snakeslam-") as folder:
+    with bind(host, port) as listener, temporary_folder("snakeslam-") as folder:
         go_second()
         url = _url(host, listener)
-        settings = ServerSettings(spec, token, host, Path(folder), tuple(recordings), viewer_token=watching)
+        settings = ServerSettings(spec, token, host, folder, tuple(recordings), viewer_token=watching)
         app = create_app(settings, lambda code: _say(f"Sign in elsewhere: {url}/login?code={code}"))
-        hint = f"${TOKEN_VARIABLE}" if given else str(_write_token(Path(folder), token))
+        hint = f"${TOKEN_VARIABLE}" if given else str(_write_token(folder, token))
 
         def ready() -> None:
             collect_seldom()

@@ -12,6 +12,7 @@ from starlette.exceptions import HTTPException
 from snakeslam.errors import InputError, SnakeslamError
 
 MEDIA_TYPE = "application/problem+json"
+LONGEST_DETAIL = 1000
 _log = structlog.get_logger("server")
 
 
@@ -24,15 +25,25 @@ class Problem(Exception):  # noqa: N818 - the word of RFC 9457
         super().__init__(detail)
 
 
+def one_line(text: str, longest: int = LONGEST_DETAIL) -> str:
+    """Return ``text`` as one line that can be shown and sent, cut to ``longest`` characters."""
+    line = " ".join(text[: 4 * longest].split())
+    line = "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in line)
+    return line if len(line) <= longest else line[: longest - 3] + "..."
+
+
 def problem_response(status: int, detail: str, headers: dict[str, str] | None = None) -> JSONResponse:
     """Return the response that says ``detail``."""
-    body = {"type": "about:blank", "title": HTTPStatus(status).phrase, "status": int(status), "detail": detail}
+    line = one_line(detail)
+    body = {"type": "about:blank", "title": HTTPStatus(status).phrase, "status": int(status), "detail": line}
     return JSONResponse(body, int(status), headers, MEDIA_TYPE)
 
 
 def validation_line(error: RequestValidationError) -> str:
     """Return the first complaint about a request in one line: where, what, what is allowed."""
-    first: dict[str, Any] = dict(error.errors()[0])
+    errors = error.errors()
+    # Of a union's complaints, one about the value says more than those about the other types.
+    first: dict[str, Any] = dict(next((e for e in errors if not str(e["type"]).endswith("_type")), errors[0]))
     where = ".".join(str(part) for part in first["loc"] if part != "body") or "body"
     if first["type"] == "extra_forbidden":
         return f"{where}: unknown key"

@@ -3,6 +3,7 @@
 ``python -m server.run_child ARGUMENTS...`` is ``snakeslam ARGUMENTS...`` with stdin as the leash.
 """
 
+import contextlib
 import os
 import runpy
 import signal
@@ -14,8 +15,9 @@ from snakeslam.runtime.priority import go_last
 
 def _end_with_server() -> None:
     """Wait for the end of stdin, which comes when the server is gone however it went."""
-    while os.read(0, 1024):
-        pass
+    with contextlib.suppress(OSError):  # Without a stdin to wait for there is no server either.
+        while os.read(0, 1024):
+            pass
     os.kill(os.getpid(), signal.SIGTERM)
 
 

@@ -1,4 +1,7 @@
-"""Scripted runs over the API: the command line in a subprocess of low priority, one at a time, in order."""
+"""Scripted runs over the API: the command line in a subprocess of low priority, one at a time, in order.
+
+Whatever happens to one run is told as its failure, and the next one goes on.
+"""
 
 import asyncio
 import contextlib
@@ -7,31 +10,38 @@ import re
 import secrets
 import sys
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from http import HTTPStatus
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from server import strict_json
+from server.background import Say, keep_on, note, reason
+from server.problem import Problem
+from server.run_store import RunRecord, RunState, RunStore
 from snakeslam.config import Override, load_config
 from snakeslam.errors import InputError
 from snakeslam.paths import configs_dir
 
-RunState = Literal["queued", "running", "done", "failed", "cancelled"]
-Scalar = bool | int | float | str | None
+Scalar = bool | int | float | Annotated[str, Field(max_length=1000)] | None
 TERMINATE_S, CLOSE_S = 10.0, 2.0
 MAX_QUEUED = 100
 KEY = re.compile(r"[a-z][a-z0-9_]*(\.[a-z][a-z0-9_]*)*")
 # Keys whose value is a file's name: those stay with who runs the server.
 PATH_KEYS = ("replay.calibration",)
 LAST_LINES = 5
+LONGEST_LINE = 64 * 1024
+FROM_REQUEST = {"run.seed": "seed", "run.duration_s": "duration_s"}
 
 
 class RunRequest(BaseModel):
     """POST /runs."""
 
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, strict=True)
 
     config: str = Field("sim", max_length=64)
     overrides: dict[str, Scalar] = Field(default_factory=dict, max_length=64)
@@ -41,11 +51,14 @@ class RunRequest(BaseModel):
 
 def checked_overrides(overrides: Mapping[str, Scalar]) -> list[Override]:
     """Return overrides that may come from a client; InputError names the key."""
-    for key in overrides:
+    for key, value in overrides.items():
         if not KEY.fullmatch(key):
-            raise InputError(f"overrides.{key[:60]}", "is no key", "dotted names such as gait.period_s")
+            shown = key[:60] if key.isprintable() else repr(key[:60])
+            raise InputError(f"overrides.{shown}", "is no key", "dotted names such as gait.period_s")
         if any(key == path or path.startswith(f"{key}.") for path in PATH_KEYS):
             raise InputError(f"overrides.{key}", "cannot be set here: it names a file")
+        if isinstance(value, str) and not value.isprintable():
+            raise InputError(f"overrides.{key}", f"{value[:40]!r} is not possible", "text that can be printed")
     return [Override(key, value, f"overrides.{key}") for key, value in overrides.items()]
 
 
@@ -59,12 +72,13 @@ def config_path(name: str) -> Path:
 
 @dataclass(slots=True, eq=False)
 class Run:
-    """One run and all that is known of it."""
+    """One run of this server and all that is known of it."""
 
     id: str
     request: RunRequest
     config: Path
     out: Path
+    record: RunRecord
     state: RunState = "queued"
     progress: float = 0.0
     metrics: dict[str, Any] | None = None
@@ -86,53 +100,88 @@ class Run:
 
     def artifacts(self) -> dict[str, Path]:
         """Files that the run left, by name."""
-        if self.state != "done" or not self.out.is_dir():
-            return {}
-        return {path.name: path for path in sorted(self.out.iterdir()) if path.is_file() and not path.is_symlink()}
+        return RunStore(self.out.parent).artifacts(self.id) if self.state == "done" else {}
+
+    def as_record(self) -> RunRecord:
+        """The run as it is written down now."""
+        return self.record.model_copy(update={"state": self.state, "metrics": self.metrics, "error": self.error})
 
     def as_json(self) -> dict[str, Any]:
         """GET /runs/{id}."""
-        return {
-            "id": self.id,
-            "state": self.state,
-            "progress": round(self.progress, 4),
-            "metrics": self.metrics,
-            "artifacts": list(self.artifacts()),
-            "error": self.error,
-            "request": self.request.model_dump(),
-        }
+        return run_json(self.as_record(), list(self.artifacts()), self.progress)
+
+
+def run_json(record: RunRecord, artifacts: list[str], progress: float) -> dict[str, Any]:
+    """Return a run as the API shows it."""
+    shown = record.model_dump(exclude={"owner"})
+    return {**shown, "progress": round(progress, 4), "artifacts": artifacts}
+
+
+def _record(run_id: str, request: RunRequest, overrides: list[Override], path: Path) -> RunRecord:
+    """Return the record of a request; InputError when its settings are wrong."""
+    for key, name in FROM_REQUEST.items():
+        if key in request.overrides:
+            raise InputError(f"overrides.{key}", "is given beside the run's own", f"{name} of the request")
+    config = load_config(path, overrides)
+    return RunRecord(
+        id=run_id,
+        name=f"{config.gait.name}-s{request.seed}",
+        config=request.config,
+        gait=config.gait.name,
+        world=config.sim.world,
+        seed=request.seed,
+        when=f"{datetime.now(UTC):%Y-%m-%dT%H:%M:%S.%fZ}",
+        request=request.model_dump(),
+    )
 
 
 class Runs:
-    """The queue and its one worker."""
+    """The queue and its one worker; ``say`` writes on the timeline."""
 
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
+    def __init__(self, folder: Path, say: Say | None = None) -> None:
+        self._store, self._say = RunStore(folder.absolute()), say
         self._runs: dict[str, Run] = {}
         self._waiting: asyncio.Queue[Run] = asyncio.Queue()
         self._worker: asyncio.Task[None] | None = None
+        self._store.open()
 
     def submit(self, request: RunRequest) -> Run:
-        """Queue a run; InputError when its settings are wrong."""
-        path = config_path(request.config)
-        overrides = checked_overrides(request.overrides)
-        load_config(path, overrides)
+        """Queue a run; InputError when its settings are wrong, Problem when it cannot be written down."""
+        path, run_id = config_path(request.config), secrets.token_hex(6)
+        record = _record(run_id, request, checked_overrides(request.overrides), path)
         if sum(run.state == "queued" for run in self._runs.values()) >= MAX_QUEUED:
             raise InputError("runs", "too many are waiting", f"{MAX_QUEUED}")
-        run_id = secrets.token_hex(6)
-        run = Run(run_id, request, path, (self._folder / run_id).absolute())
+        run = Run(run_id, request, path, self._store.folder / run_id, record)
+        try:
+            self._store.save(run.as_record())
+        except OSError as error:
+            raise Problem(HTTPStatus.SERVICE_UNAVAILABLE, f"the run cannot be written: {error.strerror}") from error
         self._runs[run_id] = run
         self._waiting.put_nowait(run)
         if self._worker is None:
-            self._worker = asyncio.create_task(self._work())
+            self._worker = asyncio.create_task(keep_on("the queue of runs", self._work, self._say))
         return run
 
-    def all(self) -> list[Run]:
-        """Every run since the server started, oldest first."""
-        return list(self._runs.values())
+    def all(self) -> list[dict[str, Any]]:
+        """Every run on disk, those of servers before this one too, oldest first; may be called from any thread."""
+        mine = dict(self._runs)
+        disk = [record for record in self._store.load() if record.id not in mine]
+        return [self._shown(record) for record in disk] + [run.as_json() for run in mine.values()]
 
-    def get(self, run_id: str) -> Run | None:
+    def get(self, run_id: str) -> dict[str, Any] | None:
         """One run."""
+        run = self._runs.get(run_id)
+        if run is not None:
+            return run.as_json()
+        return next((self._shown(record) for record in self._store.load() if record.id == run_id), None)
+
+    def artifact(self, run_id: str, name: str) -> Path | None:
+        """One file that a run left."""
+        shown = self.get(run_id)
+        return None if shown is None or shown["state"] != "done" else self._store.artifacts(run_id).get(name)
+
+    def own(self, run_id: str) -> Run | None:
+        """One run of this server."""
         return self._runs.get(run_id)
 
     async def cancel(self, run: Run, patience_s: float | None = None) -> None:
@@ -140,6 +189,7 @@ class Runs:
         if run.state not in ("queued", "running"):
             return
         run.state = "cancelled"
+        self._save(run)
         if run.process is not None:
             await _end(run.process, TERMINATE_S if patience_s is None else patience_s)
 
@@ -149,18 +199,40 @@ class Runs:
             self._worker.cancel()
             await asyncio.gather(self._worker, return_exceptions=True)
         await asyncio.gather(*(self.cancel(run, CLOSE_S) for run in self._runs.values()))
+        self._store.close()
+
+    def _shown(self, record: RunRecord) -> dict[str, Any]:
+        done = record.state == "done"
+        return run_json(record, list(self._store.artifacts(record.id)) if done else [], float(done))
+
+    def _save(self, run: Run) -> None:
+        try:
+            self._store.save(run.as_record())
+        except OSError as error:
+            note(f"writing down run {run.id}", error, self._say)
 
     def _command(self, run: Run) -> tuple[str, ...]:
         return sys.executable, "-m", "server.run_child", *run.arguments()
 
     async def _work(self) -> None:
-        while True:
-            run = await self._waiting.get()
-            if run.state == "queued":
-                await self._execute(run)
+        """Do the next run; one that cannot be done has failed, and is told as that."""
+        run = await self._waiting.get()
+        if run.state != "queued":
+            return
+        try:
+            run.state = "running"
+            self._save(run)
+            await self._execute(run)
+        except Exception as error:  # noqa: BLE001  whatever it is stands in the run
+            note(f"run {run.id}", error, self._say)
+            if not run.cancelled:
+                run.state, run.error = "failed", reason(error)
+            if run.process is not None:
+                await _end(run.process, TERMINATE_S)
+        finally:
+            self._save(run)
 
     async def _execute(self, run: Run) -> None:
-        run.state = "running"
         pipe = asyncio.subprocess.PIPE
         run.process = process = await asyncio.create_subprocess_exec(
             *self._command(run), stdin=pipe, stdout=pipe, stderr=pipe
@@ -169,39 +241,57 @@ class Runs:
             await _end(process, TERMINATE_S)
         assert process.stdout is not None
         assert process.stderr is not None
-        out, _ = await asyncio.gather(process.stdout.read(), _follow(run, process.stderr))
+        out: deque[str] = deque(maxlen=1)
+        await asyncio.gather(
+            _lines(process.stdout, out.append), _lines(process.stderr, lambda line: _follow(run, line))
+        )
         code = await process.wait()
-        _conclude(run, code, out.decode(errors="replace"))
+        _conclude(run, code, out[0] if out else "")
 
 
-async def _follow(run: Run, stderr: asyncio.StreamReader) -> None:
-    """Read progress, keep the last other lines."""
-    async for raw in stderr:
-        line = raw.decode(errors="replace").strip()
-        progress = _progress(line)
-        if progress is not None:
-            run.progress = progress
-        elif line:
-            run.said.append(line)
+async def _lines(stream: asyncio.StreamReader, take: Callable[[str], None]) -> None:
+    """Hand on each line that is not empty; of one that is too long, its end."""
+    rest = b""
+    while data := await stream.read(LONGEST_LINE):
+        *lines, rest = (rest + data).split(b"\n")
+        rest = rest[-LONGEST_LINE:]
+        for line in lines:
+            if text := _text(line):
+                take(text)
+    if text := _text(rest):
+        take(text)
+
+
+def _text(line: bytes) -> str:
+    return line[-LONGEST_LINE:].decode(errors="replace").strip()
+
+
+def _follow(run: Run, line: str) -> None:
+    """Keep the progress, or the last other lines."""
+    progress = _progress(line)
+    if progress is not None:
+        run.progress = progress
+    else:
+        run.said.append(line[:1000])
 
 
 def _progress(line: str) -> float | None:
     try:
-        message: Any = json.loads(line)
+        message: Any = strict_json.parse(line)
         return min(max(float(message["progress"]), 0.0), 1.0)
-    except (ValueError, TypeError, KeyError):
+    except (ValueError, TypeError, KeyError, OverflowError):
         return None
 
 
-def _conclude(run: Run, code: int, out: str) -> None:
+def _conclude(run: Run, code: int, last: str) -> None:
     if run.cancelled:
         return
-    lines = out.strip().splitlines()
-    if code == 0 and lines:
+    metrics: Any = None
+    if code == 0:
         with contextlib.suppress(ValueError):
-            run.metrics = json.loads(lines[-1])
-    if run.metrics is not None:
-        run.state, run.progress = "done", 1.0
+            metrics = strict_json.parse(last)
+    if isinstance(metrics, dict):
+        run.state, run.progress, run.metrics = "done", 1.0, metrics
     else:
         run.state = "failed"
         run.error = run.said[-1].removeprefix("snakeslam: ") if run.said else f"the run ended with exit code {code}"

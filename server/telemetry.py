@@ -8,6 +8,7 @@ from typing import Any
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from server.background import first_of
 from server.lease import Desk
 from server.live import Live, View
 from server.metrics import Metrics
@@ -77,16 +78,11 @@ class Telemetry:
             client.put_event(text)
         self._clients.add(client)
         self._metrics.clients.set(len(self._clients))
-        listening = asyncio.create_task(_until_closed(socket, client))
-        sending = asyncio.create_task(_send_all(socket, client))
         try:
-            await asyncio.wait({listening, sending}, return_when=asyncio.FIRST_COMPLETED)
+            await first_of("a telemetry socket", _until_closed(socket, client), _send_all(socket, client))
         finally:
             self._clients.discard(client)
             self._metrics.clients.set(len(self._clients))
-            for task in (listening, sending):
-                task.cancel()
-            await asyncio.gather(listening, sending, return_exceptions=True)
 
     def tell_state(self) -> None:
         """Send the state to all, as after something changed that no report tells."""

@@ -10,6 +10,7 @@ import structlog
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from server.background import first_of
 from server.hand import Hand, Input
 from server.lease import Desk
 from server.limits import Bucket, Rate
@@ -26,7 +27,7 @@ _log = structlog.get_logger("teleop")
 
 
 class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, strict=True)
 
     t_ms: float
 
@@ -95,14 +96,9 @@ class Driver:
 
     async def run(self) -> None:
         """Listen and obey until the socket ends or control is lost."""
-        reading = asyncio.create_task(self._read())
-        writing = asyncio.create_task(self._write())
         try:
-            await asyncio.wait({reading, writing}, return_when=asyncio.FIRST_COMPLETED)
+            await first_of("a teleop socket", self._read(), self._write())
         finally:
-            for task in (reading, writing):
-                task.cancel()
-            await asyncio.gather(reading, writing, return_exceptions=True)
             await self._let_go("the operator's page has gone")
             self._desk.hurry(self._key)
 

@@ -2,12 +2,14 @@
 
 import threading
 from collections import deque
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import viser
 
+from server.background import attempt
 from server.body import USUAL_PERIOD_S, body_links, heading_rad, mean_path
 from server.live import View
 from server.viewer_host import start_viser, stop_viser
@@ -270,10 +272,9 @@ class Viewer:
     def _draw_all(self) -> None:
         rounds = 0
         while not self._stop.wait(1.0 / RATE_HZ):
-            self._draw(
-                paths=rounds % round(RATE_HZ / PATH_RATE_HZ) == 0,
-                picture=rounds % round(RATE_HZ / PICTURE_RATE_HZ) == 0,
-            )
+            paths = rounds % round(RATE_HZ / PATH_RATE_HZ) == 0
+            picture = rounds % round(RATE_HZ / PICTURE_RATE_HZ) == 0
+            attempt("drawing the view", partial(self._draw, paths=paths, picture=picture))
             rounds += 1
 
     def _draw(self, *, paths: bool, picture: bool) -> None:
@@ -288,7 +289,8 @@ class Viewer:
         if fresh:
             self._scene.reset(wanted)
         for chunk in chunks:
-            self._scene.show_chunk(chunk)
+            # One that cannot be drawn takes no other along.
+            attempt(f"drawing map chunk {str(chunk.key)[:40]}", partial(self._scene.show_chunk, chunk))
         if tick is not None:
             self._scene.show_tick(tick, None if view is None else body_links(view, tick))
         if shown is not None:

@@ -16,6 +16,7 @@ from websockets.asyncio.client import ClientConnection, unix_connect
 from websockets.exceptions import ConnectionClosed, InvalidHandshake
 from websockets.typing import Subprotocol
 
+from server.background import note
 from server.problem import Problem
 
 SUBPROTOCOL = f"viser-v{viser_version}"
@@ -139,7 +140,9 @@ async def _relay(client: WebSocket, upstream: ClientConnection) -> None:
     finally:
         for task in (outward, inward):
             task.cancel()
-        await asyncio.gather(outward, inward, return_exceptions=True)
+        for result in await asyncio.gather(outward, inward, return_exceptions=True):
+            if isinstance(result, Exception):
+                note("a viewer socket", result)
 
 
 async def _outward(client: WebSocket, upstream: ClientConnection) -> None:

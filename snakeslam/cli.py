@@ -145,13 +145,12 @@ def study(
         raise InputError("--workers", str(workers), f"1 to {MOST_WORKERS}")
     if resume and out is None:
         raise InputError("--resume", "needs the folder to go on with", "--out DIR")
-    from snakeslam.studies.run_directory import default_out
     from snakeslam.studies.study import load_study
     from snakeslam.studies.sweep import run_study
 
     loaded = load_study(path)
     with _terminable(), _study_progress(loaded.row_count) as report:
-        result = run_study(loaded, out or default_out(loaded.name), workers or os.cpu_count() or 1, resume, report)
+        result = run_study(loaded, out, workers or os.cpu_count() or 1, resume, report)
     typer.echo(result.table)
     typer.echo(f"written: {result.out}", err=True)
     if result.failed:

@@ -7,6 +7,7 @@ from fastapi import APIRouter, WebSocket
 from pydantic import BaseModel, ConfigDict, Field
 
 from server.deps import House, Rooms, Who
+from server.fields import Name
 from server.lease import LONGEST_S, RENEWED_S, Lease
 from server.state import control_json
 
@@ -17,9 +18,9 @@ _log = structlog.get_logger("control")
 class LeaseRequest(BaseModel):
     """POST /control/lease."""
 
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True)
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True, strict=True)
 
-    name: Annotated[str, Field(min_length=1, max_length=40, pattern=r"^[^\x00-\x1f\x7f]+$")] = "a script"
+    name: Name = "a script"
     """Shown to all."""
     seconds: Annotated[float, Field(ge=1, le=LONGEST_S)] = RENEWED_S
     """It lapses so long after the last renewal or command, and the robot stops."""

@@ -4,9 +4,10 @@ from http import HTTPStatus
 from typing import Any
 
 from fastapi import APIRouter, Response
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict
 
 from server.deps import Rooms, Who
+from server.fields import Words
 
 router = APIRouter(tags=["estop"])
 OPERATOR = "operator"
@@ -15,9 +16,9 @@ OPERATOR = "operator"
 class EStopRequest(BaseModel):
     """POST /estop."""
 
-    model_config = ConfigDict(extra="forbid")
+    model_config = ConfigDict(extra="forbid", strict=True)
 
-    reason: str = Field(OPERATOR, min_length=1, max_length=200)
+    reason: Words = None
 
 
 @router.post("/estop", responses={HTTPStatus.ACCEPTED: {"description": "sent, but not confirmed by the robot yet"}})
@@ -28,7 +29,7 @@ async def estop(house: Rooms, response: Response, request: EStopRequest | None =
     false: the stop has been sent, is latched in the server, and is sent again to a robot node that comes back.
     """
     before = house.live.estop_reason
-    confirmed = await house.live.estop(OPERATOR if request is None else request.reason)
+    confirmed = await house.live.estop((request and request.reason) or OPERATOR)
     if before is None:
         house.telemetry.tell_state()
     if not confirmed:

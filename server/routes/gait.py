@@ -4,7 +4,7 @@ from http import HTTPStatus
 from typing import Annotated, Any
 
 from fastapi import APIRouter
-from pydantic import Field
+from pydantic import ConfigDict, Field
 
 from server.deps import Rooms, Who
 from server.live import Live
@@ -21,6 +21,8 @@ router = APIRouter(tags=["gait"])
 
 class GaitRequest(GaitSettings):
     """PUT /gait; a parameter that is left out or null takes the gait's own default, ``turn`` stays as it is."""
+
+    model_config = ConfigDict(strict=True)
 
     name: GaitName  # pyright: ignore[reportGeneralTypeIssues]
     turn: Annotated[float, Field(ge=-1, le=1)] | None = None

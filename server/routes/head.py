@@ -26,10 +26,10 @@ router = APIRouter(tags=["head"])
 class HeadRequest(BaseModel):
     """PUT /head; what is left out or null stays as it is."""
 
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True)
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True, strict=True)
 
     controller: HeadController | None = None
-    neck_joints: Annotated[int, Field(strict=True)] | None = None
+    neck_joints: int | None = None
     """Yaw joints of the neck."""
     turn_by_deg: Annotated[float, Field(ge=-MOST_TURN_DEG, le=MOST_TURN_DEG)] | None = None
     """Turns the head's reference line, and so the robot; positive to the left."""

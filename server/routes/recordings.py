@@ -9,7 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from server.deps import Rooms, Who
 from server.problem import Problem
-from server.recordings import recording_json
+from server.recordings import printable, recording_json
 from server.runs import Scalar, checked_overrides
 from snakeslam.config import override_config
 from snakeslam.estimation.settings import Mode
@@ -20,7 +20,7 @@ router = APIRouter(tags=["source"])
 class PlayRequest(BaseModel):
     """POST /recordings/{id}/play."""
 
-    model_config = ConfigDict(extra="forbid")
+    model_config = ConfigDict(extra="forbid", strict=True)
 
     mode: Mode | None = None
 
@@ -28,7 +28,7 @@ class PlayRequest(BaseModel):
 class SimRequest(BaseModel):
     """POST /sim/start."""
 
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, strict=True)
 
     overrides: dict[str, Scalar] = Field(default_factory=dict, max_length=64)
 
@@ -51,7 +51,7 @@ async def play(recording_id: str, house: Rooms, who: Who, request: PlayRequest |
     house.need_control(who)
     mode = None if request is None else request.mode
     spec = replace(house.spec, recording=summary.path, estimator_mode=mode, autostart=False, build=None)
-    await house.live.start(spec, "recording", summary.name)
+    await house.live.start(spec, "recording", printable(summary.name))
     house.telemetry.tell_state()
     return house.state()
 

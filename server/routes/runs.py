@@ -1,5 +1,6 @@
 """Scripted runs."""
 
+from asyncio import to_thread
 from http import HTTPStatus
 from typing import Any
 
@@ -8,9 +9,16 @@ from starlette.responses import FileResponse, Response
 
 from server.deps import House, Rooms
 from server.problem import Problem
-from server.runs import Run, RunRequest
+from server.runs import RunRequest
 
 router = APIRouter(tags=["runs"])
+BINARY = "application/octet-stream"
+MEDIA_TYPES = {
+    ".json": "application/json",
+    ".csv": "text/csv; charset=utf-8",
+    ".tum": "text/plain; charset=utf-8",
+    ".png": "image/png",
+}
 
 
 @router.post("/runs", status_code=HTTPStatus.ACCEPTED)
@@ -22,36 +30,41 @@ async def submit(request: RunRequest, house: Rooms, response: Response) -> dict[
 
 
 @router.get("/runs")
-async def get_runs(house: Rooms) -> list[dict[str, Any]]:
-    """Every run since the server started, oldest first."""
-    return [run.as_json() for run in house.runs.all()]
+def get_runs(house: Rooms) -> list[dict[str, Any]]:
+    """Every run on disk, those from before the server started too, oldest first."""
+    return house.runs.all()
 
 
 @router.get("/runs/{run_id}")
-async def get_run(run_id: str, house: Rooms) -> dict[str, Any]:
+def get_run(run_id: str, house: Rooms) -> dict[str, Any]:
     """State, progress and result of a run."""
-    return _find(house, run_id).as_json()
+    return _find(house, run_id)
 
 
 @router.delete("/runs/{run_id}")
 async def cancel(run_id: str, house: Rooms) -> dict[str, Any]:
     """Cancel a run that waits or runs; one that is over stays as it is."""
-    run = _find(house, run_id)
-    await house.runs.cancel(run)
-    return run.as_json()
+    run = house.runs.own(run_id)
+    if run is not None:
+        await house.runs.cancel(run)
+    shown = await to_thread(_find, house, run_id)
+    if shown["state"] in ("queued", "running"):
+        raise Problem(HTTPStatus.CONFLICT, "another server runs it")
+    return shown
 
 
 @router.get("/runs/{run_id}/artifacts/{name}")
-async def get_artifact(run_id: str, name: str, house: Rooms) -> FileResponse:
+def get_artifact(run_id: str, name: str, house: Rooms) -> FileResponse:
     """One file that a run left."""
-    path = _find(house, run_id).artifacts().get(name)
+    _find(house, run_id)
+    path = house.runs.artifact(run_id, name)
     if path is None:
         raise Problem(HTTPStatus.NOT_FOUND, "the run has no such artifact")
-    return FileResponse(path, filename=path.name, media_type="application/octet-stream")
+    return FileResponse(path, filename=path.name, media_type=MEDIA_TYPES.get(path.suffix, BINARY))
 
 
-def _find(house: House, run_id: str) -> Run:
-    run = house.runs.get(run_id)
-    if run is None:
+def _find(house: House, run_id: str) -> dict[str, Any]:
+    shown = house.runs.get(run_id)
+    if shown is None:
         raise Problem(HTTPStatus.NOT_FOUND, "there is no such run")
-    return run
+    return shown

@@ -20,7 +20,7 @@ router = APIRouter(tags=["session"])
 class SignIn(BaseModel):
     """POST /session."""
 
-    model_config = ConfigDict(extra="forbid")
+    model_config = ConfigDict(extra="forbid", strict=True)
 
     token: str = Field(max_length=512)
 

@@ -1,15 +1,13 @@
 """The server's end of a live session: starts its processes, keeps them alive, sends commands, hands on reports."""
 
-import shutil
-import tempfile
 import threading
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from time import monotonic
 
 import structlog
 
 from snakeslam.calibration import SensorRig
+from snakeslam.claims import Claim, claim_temporary
 from snakeslam.errors import SnakeslamError
 from snakeslam.messages import MapChunk
 from snakeslam.robot.model import snake_model
@@ -86,7 +84,7 @@ class NodesHost:
 
     def __init__(self, spec: SessionSpec, link: Link | None = None) -> None:
         self._spec, self._link = spec, link
-        self._folder: Path | None = None
+        self._folder: Claim | None = None
         self._bus: Bus | None = None
         self._supervisor: Supervisor | None = None
         self._clock, self._sender = RobotClock(), Sender()
@@ -141,7 +139,7 @@ class NodesHost:
         if self._supervisor is not None:
             self._supervisor.close()
         if self._folder is not None:
-            shutil.rmtree(self._folder, ignore_errors=True)
+            self._folder.remove()
 
     @property
     def link(self) -> Link:
@@ -149,8 +147,8 @@ class NodesHost:
         if self._link is not None:
             return self._link
         if self._folder is None:
-            self._folder = Path(tempfile.mkdtemp(prefix="snakeslam-bus-"))
-        return Link(unix_endpoint(self._folder))
+            self._folder = claim_temporary("snakeslam-bus-")
+        return Link(unix_endpoint(self._folder.path))
 
     def _start_robot(self) -> Child:
         spec = replace(self._spec, estop_reason=self._estop)

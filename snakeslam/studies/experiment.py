@@ -30,7 +30,7 @@ from snakeslam.runtime.assembly import build_backend, build_control, build_gover
 from snakeslam.runtime.lockstep import Loop
 from snakeslam.studies.metrics import HeadWindow, Metrics, evaluate, notes_on, tracked_poses
 from snakeslam.studies.recorder import Recorder
-from snakeslam.studies.run_directory import default_out, new_directory
+from snakeslam.studies.run_directory import new_directory
 
 Progress = Callable[[float], None]
 START_UP_PERIODS = 2
@@ -62,8 +62,9 @@ def run_experiment(
     if recording is None:
         # What the joints cannot do is said before a simulator starts.
         Control(snake_model(config.robot), config.gait, config.head)
-    place = out or default_out(recording.resolve().name if recording else f"{config.gait.name}-s{config.run.seed}")
-    with new_directory(place) as part, closing(build_backend(config, recording)) as backend:
+    name = recording.resolve().name if recording else f"{config.gait.name}-s{config.run.seed}"
+    with new_directory(out, name) as new, closing(build_backend(config, recording)) as backend:
+        part = new.part
         config = fit_to_recording(config, backend)
         recorder = Recorder(_sensor_writer(config, recording, part, backend))
         slam, governor = build_slam(config, backend), build_governor(config)
@@ -73,7 +74,7 @@ def run_experiment(
         metrics = _evaluate(config, backend, recorder, wall_s)
         notes = _notes(backend, recorder)
         _write(part, config, recording, recorder, metrics, notes)
-    return RunResult(place, metrics, notes)
+    return RunResult(new.out, metrics, notes)
 
 
 def _sensor_writer(config: Config, recording: Path | None, part: Path, backend: Backend) -> TumWriter | None:

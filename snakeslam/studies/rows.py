@@ -1,6 +1,7 @@
 """A study's CSV: a row for each run and estimator, in the order of the runs, whole after every run."""
 
 import csv
+import math
 import os
 from collections import Counter
 from collections.abc import Iterable
@@ -15,6 +16,7 @@ from snakeslam.studies.study import Point, Study
 from snakeslam.studies.study_file import ESTIMATOR, Scalar, text
 
 Status = Literal["done", "failed"]
+LONGEST_ROW = 64 * 1024
 FIRST, LAST = ("run", "seed"), ("status", "reason", "key")
 
 
@@ -84,8 +86,7 @@ def read_rows(path: Path, study: Study) -> list[Row]:
     Rows of runs that the study does not have (any more) are left out, and runs of which a row is missing.
     """
     points = {point.key: point for point in study.points}
-    with path.open(newline="", encoding="utf-8") as file:
-        lines = list(csv.reader(file))
+    lines = _lines(path, len(study.points) * max(1, len(study.settings.estimators)))
     if not lines or lines[0] != header(study):
         raise InputError(str(path), "has other columns than the study", "the folder of the same study, or a new one")
     found: list[Row] = []
@@ -98,18 +99,36 @@ def read_rows(path: Path, study: Study) -> list[Row]:
     return [row for row in found if counts[row.point.number] == max(1, len(study.settings.estimators))]
 
 
+def _lines(path: Path, rows: int) -> list[list[str]]:
+    """Return the cells of the file's lines; InputError for what is no table of up to ``rows`` rows."""
+    try:
+        if path.stat().st_size > (rows + 1) * LONGEST_ROW:
+            raise InputError(str(path), "is too large to be the study's table", f"{rows} rows")
+        with path.open(newline="", encoding="utf-8") as file:
+            return list(csv.reader(file))
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise InputError(str(path), f"cannot be read: {' '.join(str(error).split())}") from error
+
+
 def _row(where: str, point: Point, named: dict[str, str]) -> Row:
     try:
         values: dict[MeasureName, float | None] = {
-            name: float(named[name]) if named[name] else None for name in point.measure
+            name: _finite(named[name]) if named[name] else None for name in point.measure
         }
     except (KeyError, ValueError) as error:
         raise InputError(where, f"is damaged: {error}", "numbers, or nothing") from error
-    status: Status = "done" if named["status"] == "done" else "failed"
+    status: Status = "done" if named.get("status") == "done" else "failed"
     estimator: Mode | None = next((mode for mode in point.estimators if mode == named.get(ESTIMATOR)), None)
     if point.estimators and estimator is None:
         raise InputError(where, f"is damaged: estimator {named.get(ESTIMATOR)}", ", ".join(point.estimators))
-    return Row(point, values, status, named["reason"], estimator)
+    return Row(point, values, status, named.get("reason", ""), estimator)
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"{text} is no finite number")
+    return value
 
 
 def _number(value: float | None) -> str:

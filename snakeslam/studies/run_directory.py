@@ -1,49 +1,115 @@
-"""A run directory appears whole or not at all: it is written beside its place and moved there at the end."""
+"""A run directory appears whole or not at all: it is written beside its place and moved there at the end.
+
+Its name is claimed at the start, so that two runs that start together never work for the same one.
+"""
 
 import os
-import shutil
 from collections.abc import Generator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 
+from snakeslam.claims import Claim, claim, clear_all_dead
 from snakeslam.errors import InputError
 
 DEFAULT_PARENT = Path("runs")
+MOST_NAMES = 10_000
+
+
+@dataclass(slots=True)
+class NewDirectory:
+    """A run directory on its way: files go into ``part``; ``out`` is where it goes, in the end where it went."""
+
+    part: Path
+    out: Path
+
+    def __truediv__(self, name: str) -> Path:
+        """Return a file's path in ``part``."""
+        return self.part / name
 
 
 def default_out(name: str) -> Path:
-    """Return a free runs/<UTC time>-<name>."""
-    stem = f"{datetime.now(UTC):%Y%m%d-%H%M%S}-{name}"
-    candidates = (DEFAULT_PARENT / (stem if k == 1 else f"{stem}-{k}") for k in range(1, 1000))
-    return next(path for path in candidates if not path.exists())
+    """Return a free runs/<UTC time>-<name>, with -2, -3, ... where that exists or is being written."""
+    stem = DEFAULT_PARENT / f"{datetime.now(UTC):%Y%m%d-%H%M%S}-{name}"
+    return next(path for path in _numbered(stem) if not os.path.lexists(path) and not os.path.lexists(_part(path)))
+
+
+def _numbered(path: Path) -> Generator[Path]:
+    return (path if k == 1 else path.with_name(f"{path.name}-{k}") for k in range(1, MOST_NAMES))
+
+
+def _part(out: Path) -> Path:
+    out = out.absolute()
+    return out.parent / f".{out.name}.part"
 
 
 @contextmanager
-def new_directory(out: Path) -> Generator[Path]:
+def new_directory(out: Path | None, name: str = "run") -> Generator[NewDirectory]:
     """Yield a folder to write into; it becomes ``out`` if the block ends well and vanishes otherwise.
 
-    InputError when ``out`` exists and is not an empty folder, or may not be written.
+    Without ``out`` it is runs/<UTC time>-<name>. InputError when ``out`` exists and is not an empty folder, is being
+    written by another process, or may not be written. Should something else stand there at the end, the result is kept
+    under the next free name.
     """
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise InputError(str(out), "exists already", "a new or an empty folder for the run")
-    out = out.absolute()
-    part = out.parent / f".{out.name}.{os.getpid()}.part"
-    made = [parent for parent in (out.parent, *out.parent.parents) if not parent.exists()]
+    made: list[Path] = []
     try:
-        part.mkdir(parents=True)
-        if not os.access(part, os.W_OK):
-            raise PermissionError(13, os.strerror(13))
-    except OSError as error:
+        found, place = _claimed(out, name, made)
+    except (OSError, InputError) as error:
         _remove_empty(made)
-        raise InputError(str(out), f"the output folder cannot be made: {error.strerror}") from error
+        if isinstance(error, InputError):
+            raise
+        raise InputError(str(out or DEFAULT_PARENT), f"the output folder cannot be made: {error.strerror}") from error
+    new = NewDirectory(found.path, place)
     try:
-        yield part
-        part.rename(out)
+        yield new
+        new.out = _move(found, place)
+        found.release()
     except BaseException:
-        shutil.rmtree(part, ignore_errors=True)
+        found.remove()
         _remove_empty(made)
         raise
+
+
+def _claimed(out: Path | None, name: str, made: list[Path]) -> tuple[Claim, Path]:
+    """Claim ``out`` or a free default; ``made`` gets the folders that were made on the way."""
+    while True:
+        place = default_out(name) if out is None else out
+        if place.is_symlink() or (place.exists() and (not place.is_dir() or any(place.iterdir()))):
+            raise InputError(str(place), "exists already", "a new or an empty folder for the run")
+        parent = place.absolute().parent
+        made += [folder for folder in (parent, *parent.parents) if not folder.exists()]
+        parent.mkdir(parents=True, exist_ok=True)
+        clear_all_dead(parent, ".*.part")
+        found = claim(_part(place))
+        if found is not None:
+            break
+        if out is not None:
+            raise InputError(str(place), "is being written by another run", "a folder of its own")
+    if not os.access(found.path, os.W_OK):
+        found.remove()
+        raise PermissionError(13, os.strerror(13))
+    return found, place
+
+
+def _move(found: Claim, place: Path) -> Path:
+    """Move the finished folder to ``place``; where something stands that was not there before, to the next name."""
+    found.unmark()
+    for target in _numbered(place):
+        if target.is_symlink() or target.is_file():
+            continue
+        try:
+            return _renamed(found.path, target)
+        except OSError:
+            if not os.path.lexists(target):
+                raise
+    raise InputError(str(place), "no free name is left beside it")
+
+
+def _renamed(part: Path, target: Path) -> Path:
+    """Move onto what does not exist or is an empty folder; OSError for all else."""
+    part.rename(target.absolute())
+    return target
 
 
 def _remove_empty(folders: list[Path]) -> None:

@@ -2,18 +2,20 @@
 
 import json
 import shutil
-from collections.abc import Callable
-from contextlib import closing
+from collections.abc import Callable, Generator
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from snakeslam.claims import Claim, lock
 from snakeslam.errors import InputError
 from snakeslam.messages import Float
 from snakeslam.studies.experiment import commit, versions
 from snakeslam.studies.point import Measured, run_point
 from snakeslam.studies.rows import Row, read_rows, write_rows
+from snakeslam.studies.run_directory import default_out
 from snakeslam.studies.study import Point, Study
 from snakeslam.studies.table import markdown
 from snakeslam.studies.workers import Failure, work_through
@@ -26,6 +28,7 @@ RESULTS, SUMMARY, SERIES, FIGURES, FACTS, COPY = (
     "study.json",
     "study.yaml",
 )
+SERIES_HEADER = "t_s,yaw_rad,x_m,y_m"
 Report = Callable[[Row], None]
 
 
@@ -45,19 +48,40 @@ class StudyResult:
 
 def run_study(
     study: Study,
-    out: Path,
+    out: Path | None,
     workers: int = 1,
     resume: bool = False,
     report: Report | None = None,
     run: Callable[[Point], Measured] = run_point,
 ) -> StudyResult:
-    """Run what is not yet done of ``study`` and write the folder ``out``.
+    """Run what is not yet done of ``study`` and write the folder ``out``, runs/<UTC time>-<name> without one.
 
     ``resume``: keep the finished rows of ``out``; those that failed are run again. ``report`` hears of each row, the
     kept ones first. The results do not depend on the number of ``workers``. InputError, before anything runs, when
-    ``out`` is not what it should be.
+    ``out`` is not what it should be, or another process is at work in it.
     """
-    rows = _prepare(study, out, resume)
+    with _held(_claimed(study.name, out, resume)) as place:
+        return _run(study, place, _prepare(study, place, resume), workers, report, run)
+
+
+@contextmanager
+def _held(claim: Claim) -> Generator[Path]:
+    """Yield a claimed folder and give it up at the end; it stays."""
+    try:
+        yield claim.path
+    finally:
+        claim.release()
+
+
+def _run(
+    study: Study,
+    out: Path,
+    rows: list[Row],
+    workers: int,
+    report: Report | None,
+    run: Callable[[Point], Measured],
+) -> StudyResult:
+    """Run what ``rows`` do not have yet."""
     for row in rows:
         if report is not None:
             report(row)
@@ -88,19 +112,37 @@ def write_summary(study: Study, out: Path, rows: list[Row]) -> str:
     return table
 
 
-def _prepare(study: Study, out: Path, resume: bool) -> list[Row]:
-    """Make or check the folder; return the rows that are kept."""
+def _claimed(name: str, out: Path | None, resume: bool) -> Claim:
+    """Make or find the folder and lock it, so that no other study writes there."""
+    while True:
+        place = default_out(name) if out is None else out
+        _check_folder(place, resume)
+        try:
+            place.mkdir(parents=True, exist_ok=out is not None)
+        except OSError as error:
+            if out is None and isinstance(error, FileExistsError):
+                continue
+            raise InputError(str(place), f"the output folder cannot be made: {error.strerror}") from error
+        found = lock(place)
+        if found is not None:
+            _check_folder(place, resume)
+            return found
+        if out is not None:
+            raise InputError(str(place), "is being written by another study", "a folder of its own")
+
+
+def _check_folder(out: Path, resume: bool) -> None:
     if not resume and out.exists() and (not out.is_dir() or any(out.iterdir())):
         raise InputError(str(out), "exists already", "a new or an empty folder, or --resume")
     if resume and not (out / FACTS).is_file():
         raise InputError(str(out), "holds no study to resume", "the --out of a study that was begun")
+
+
+def _prepare(study: Study, out: Path, resume: bool) -> list[Row]:
+    """Fill the folder; return the rows that are kept."""
     rows: list[Row] = []
     if resume and (out / RESULTS).is_file():
-        rows = [
-            row
-            for row in read_rows(out / RESULTS, study)
-            if row.status == "done" and _series_path(out, row.point).is_file()
-        ]
+        rows = [row for row in read_rows(out / RESULTS, study) if row.status == "done" and _has_series(out, row.point)]
     try:
         (out / SERIES).mkdir(parents=True, exist_ok=True)
         shutil.copyfile(study.path, out / COPY)
@@ -122,7 +164,7 @@ def _keep(out: Path, point: Point, result: Measured | Failure) -> list[Row]:
         result.series,
         fmt="%.6g",
         delimiter=",",
-        header="t_s,yaw_rad,x_m,y_m",
+        header=SERIES_HEADER,
         comments="",
     )
     return [Row(point, result.values, estimator=first), *(Row(point, result.heard[m], estimator=m) for m in others)]
@@ -130,6 +172,14 @@ def _keep(out: Path, point: Point, result: Measured | Failure) -> list[Row]:
 
 def _series_path(out: Path, point: Point) -> Path:
     return out / SERIES / f"{point.key}.csv"
+
+
+def _has_series(out: Path, point: Point) -> bool:
+    """Whether the series can be read; a run whose series is missing or damaged is run again."""
+    try:
+        return _load_series(out, point).shape[1] == len(SERIES_HEADER.split(","))
+    except (OSError, ValueError):
+        return False
 
 
 def _load_series(out: Path, point: Point) -> Float:

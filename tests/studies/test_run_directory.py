@@ -1,6 +1,8 @@
 """A run directory appears whole or not at all."""
 
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -87,3 +89,44 @@ def test_the_default_is_free(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     assert first.name.endswith("-name")
     first.mkdir(parents=True)
     assert not default_out("name").exists()
+
+
+def test_a_name_is_claimed_at_the_start(tmp_path: Path) -> None:
+    """Two runs of one name in the same second: the second worked to its end and was lost at the last rename."""
+    with new_directory(tmp_path / "run") as part:
+        (part / "file").touch()
+        with pytest.raises(InputError, match="run: is being written by another run"), new_directory(tmp_path / "run"):
+            pass
+    assert tree(tmp_path) == ["run", "run/file"]
+
+
+def test_runs_of_one_name_in_one_second_get_names_of_their_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with new_directory(None, "a") as first, new_directory(None, "a") as second, new_directory(None, "a") as third:
+        assert len({first.out, second.out, third.out}) == 3
+        for part in (first, second, third):
+            (part / "file").touch()
+    assert len(list((tmp_path / "runs").glob("*-a*/file"))) == 3
+    assert {path.name for path in (tmp_path / "runs").iterdir()} == {new.out.name for new in (first, second, third)}
+
+
+def test_a_result_is_kept_when_its_name_was_taken_meanwhile(tmp_path: Path) -> None:
+    with new_directory(tmp_path / "run") as new:
+        (new / "file").touch()
+        (tmp_path / "run").mkdir()
+        (tmp_path / "run" / "theirs").touch()
+        (tmp_path / "run-2").touch()
+    assert new.out == tmp_path / "run-3"
+    assert tree(tmp_path) == ["run", "run-2", "run-3", "run-3/file", "run/theirs"]
+
+
+def test_what_a_killed_run_left_is_cleared_by_the_next(tmp_path: Path) -> None:
+    killed = "import os, sys; from pathlib import Path; from snakeslam.studies.run_directory import new_directory\n"
+    killed += "with new_directory(Path(sys.argv[1])) as part:\n (part / 'half').touch(); os.kill(os.getpid(), 9)"
+    subprocess.run([sys.executable, "-c", killed, str(tmp_path / "old")], check=False)
+    (tmp_path / ".theirs.part").mkdir()
+    (tmp_path / ".theirs.part" / "file").touch()
+    assert tree(tmp_path) != [".theirs.part", ".theirs.part/file"]
+    with new_directory(tmp_path / "run"):
+        pass
+    assert tree(tmp_path) == [".theirs.part", ".theirs.part/file", "run"]

@@ -439,3 +439,54 @@ def test_leaving_the_work_early_leaves_no_process(tmp_path: Path) -> None:
     work.close()
     assert results[0][1] == results[0][0] ** 2
     assert multiprocessing.active_children() == []
+
+
+@pytest.mark.parametrize(
+    ("data", "expected"),
+    [
+        (b"\xff\xfe\x00", "results.csv: cannot be read: 'utf-8' codec"),
+        (b"run,seed\x00\n", "results.csv: "),
+        (b'"' + b"x" * 200_000, "results.csv: is too large"),
+        (b"x" * 30_000_000, "results.csv: is too large"),
+        (b"", "results.csv: has other columns"),
+    ],
+)
+def test_a_table_that_is_none_is_one_line_when_a_study_goes_on(tmp_path: Path, data: bytes, expected: str) -> None:
+    study = load_study(write(tmp_path, one_run))
+    run_study(study, tmp_path / "out", run=pretend)
+    (tmp_path / "out" / "results.csv").write_bytes(data)
+    with pytest.raises(InputError, match=expected) as caught:
+        run_study(study, tmp_path / "out", resume=True, run=pretend)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_damaged_series_is_run_again(tmp_path: Path) -> None:
+    study = load_study(write(tmp_path, one_run))
+    run_study(study, tmp_path / "out", run=pretend)
+    (series,) = sorted((tmp_path / "out" / "series").iterdir())[:1]
+    series.write_bytes(b"\x00\xff")
+    assert run_study(study, tmp_path / "out", resume=True, run=pretend).failed == 0
+    assert series.read_text().startswith("t_s,")
+
+
+def test_a_folder_in_which_a_study_is_at_work_is_another_ones(tmp_path: Path) -> None:
+    study = load_study(write(tmp_path, one_run))
+    refused: list[str] = []
+
+    def second(row: Row) -> None:
+        with pytest.raises(InputError, match="out: is being written by another study") as caught:
+            run_study(study, tmp_path / "out", resume=True, run=pretend)
+        refused.append(str(caught.value))
+
+    run_study(study, tmp_path / "out", run=pretend, report=second)
+    assert len(refused) == len(study.points)
+
+
+def test_studies_of_one_name_in_one_second_get_folders_of_their_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    study = load_study(write(tmp_path, one_run))
+    outs = {run_study(study, None, run=pretend).out for _ in range(3)}
+    assert len(outs) == 3
+    assert sorted(path.parent.name for path in tmp_path.glob("runs/*/results.csv")) == sorted(out.name for out in outs)

@@ -211,7 +211,7 @@ export interface RunMetrics {
 
 export interface Run {
   id: string;
-  state: "queued" | "running" | "done" | "failed" | "cancelled";
+  state: "queued" | "running" | "done" | "failed" | "cancelled" | "interrupted";
   progress: number;
   metrics: RunMetrics | null;
   artifacts: string[];

@@ -1,5 +1,6 @@
 """Recordings in the layouts of public data sets."""
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -31,7 +32,7 @@ def recording_kind(path: Path) -> str | None:
     if path.is_dir():
         if euroc.find_root(path) is not None:
             return "euroc"
-        if (path / "rgb.txt").exists() or (path / "depth.txt").exists():
+        if (path / "rgb.txt").is_file() or (path / "depth.txt").is_file():
             return "tum_rgbd"
         return "rosbag" if (path / "metadata.yaml").exists() else None
     return {".mcap": "mcap", ".bag": "rosbag", ".db3": "rosbag"}.get(path.suffix.lower()) if path.is_file() else None
@@ -73,13 +74,28 @@ def summarise(path: Path) -> Summary | None:
     return Summary(_name(path), kind, path, len(frames), (frames[-1].t_ns - frames[0].t_ns) / 1e9)
 
 
-def find_recordings(folder: Path) -> list[Summary]:
-    """Return the recordings directly below ``folder`` (or ``folder`` itself), those of runs too, by name."""
+def candidates(folder: Path) -> list[Path]:
+    """Return where recordings may lie: ``folder`` itself, or what is directly below it, the sensors of runs too."""
     if not folder.is_dir():
         return []
-    children = [folder] if recording_kind(folder) else sorted(child for child in folder.iterdir() if child.is_dir())
-    paths = [child / SENSORS if recording_kind(child / SENSORS) else child for child in children]
-    return [summary for path in paths if (summary := summarise(path)) is not None]
+    if recording_kind(folder):
+        return [folder]
+    return [_sensors_or(child) for child in sorted(folder.iterdir()) if _is_open_folder(child)]
+
+
+def find_recordings(folder: Path) -> list[Summary]:
+    """Return the recordings of ``folder``, by name."""
+    return [summary for path in candidates(folder) if (summary := summarise(path)) is not None]
+
+
+def _is_open_folder(path: Path) -> bool:
+    """Whether ``path`` is a folder that may be entered."""
+    return path.is_dir() and os.access(path, os.R_OK | os.X_OK)
+
+
+def _sensors_or(folder: Path) -> Path:
+    sensors = folder / SENSORS
+    return sensors if os.access(sensors, os.R_OK | os.X_OK) and recording_kind(sensors) else folder
 
 
 def _name(path: Path) -> str:

@@ -10,6 +10,7 @@ from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
+from time import monotonic
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
 BUILT = "serve, run, replay, study, node, eq"
 INTERRUPTED, TERMINATED = 130, 143
 MOST_WORKERS = 1024
+LINE_S = 2.0
+"""Progress lines are not closer than this."""
 
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False, rich_markup_mode=None)
 
@@ -280,12 +283,27 @@ def _experiment(
     """Run, tell the progress, print the result."""
     from snakeslam.studies.experiment import run_experiment
 
+    what = _what(config, recording, duration_s)
+
+    def began(place: Path) -> None:
+        typer.echo(f"running: {what}; goes to {place}", err=True)
+
     with _terminable(), _progress(report) as progress:
-        result = run_experiment(config, recording, duration_s, out, progress)
+        result = run_experiment(config, recording, duration_s, out, progress, None if report else began)
     for note in result.notes:
         typer.echo(f"snakeslam: note: {' '.join(note.split())}", err=True)
     typer.echo(f"written: {result.out}", err=True)
     typer.echo(json.dumps(result.metrics.as_dict(), allow_nan=False) if as_json else _summary(result))
+
+
+def _what(config: "Config", recording: Path | None, duration_s: float | None) -> str:
+    """Return in words what is going to run, and for how long."""
+    estimator = f"estimator {config.estimator.mode}, seed {config.run.seed}"
+    if recording is not None:
+        return f"{recording}, {estimator}, {'to its end' if duration_s is None else f'{duration_s:g} s of it'}"
+    gait, head = config.gait.name, config.head.controller
+    seconds = duration_s or config.run.duration_s
+    return f"{gait} in the {config.sim.world} world, head control {head}, {estimator}, {seconds:g} s of simulated time"
 
 
 @contextmanager
@@ -313,7 +331,7 @@ def _terminable() -> Generator[None]:
 
 @contextmanager
 def _progress(as_json: bool) -> Generator[Callable[[float], None] | None]:
-    """Yield what shows the progress on stderr: lines of JSON, a bar on a terminal, or nothing."""
+    """Yield what shows the progress on stderr: lines of JSON, a bar on a terminal, or a line now and then."""
     if as_json:
         last = [-1]
 
@@ -331,7 +349,21 @@ def _progress(as_json: bool) -> Generator[Callable[[float], None] | None]:
             task = bar.add_task("running", total=1.0)
             yield lambda fraction: bar.update(task, completed=fraction)
     else:
-        yield None
+        yield _progress_lines()
+
+
+def _progress_lines() -> Callable[[float], None]:
+    """Return what shows the progress where there is no terminal: a line each tenth, LINE_S apart or more."""
+    told, at_s = 0, monotonic()
+
+    def line(fraction: float) -> None:
+        nonlocal told, at_s
+        tenth = math.floor(fraction * 10)
+        if told < tenth < 10 and monotonic() - at_s >= LINE_S:
+            told, at_s = tenth, monotonic()
+            typer.echo(f"{10 * tenth} % done", err=True)
+
+    return line
 
 
 @contextmanager

@@ -243,3 +243,34 @@ def test_a_cancelled_run_leaves_nothing(tmp_path: Path, checkout: Path) -> None:
     assert process.returncode == 143, err
     assert out == ""
     assert files(tmp_path) == []
+
+
+BOMB = "a0: &a0 [x, x, x, x, x, x, x, x]\n" + "".join(
+    f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 8)}]\n" for k in range(1, 12)
+)
+
+
+@pytest.mark.parametrize("data", [BOMB.encode(), b"[" * 100_000, b"a: " * 1000, b"\x00", b"\xff\xfe", b"a: !!x 1"])
+@pytest.mark.parametrize("command", ["run", "study", "serve"])
+def test_whatever_a_file_holds_is_one_line(cli: Cli, tmp_path: Path, command: str, data: bytes) -> None:
+    (tmp_path / "odd.yaml").write_bytes(data)
+    assert_one_line(*cli(command, "odd.yaml"), "odd.yaml: ")
+
+
+def test_names_of_any_bytes_are_one_line(tmp_path: Path) -> None:
+    """In a process of its own: its arguments are bytes."""
+    for arguments in (
+        [b"run", b"\xff.yaml"],
+        [b"study", b"\xff.yaml"],
+        [b"replay", b"\xff"],
+        [b"run", b"sim.yaml", b"--set", b"\xff=1"],
+        [b"run", b"sim.yaml", b"--set", b"sim.world=\xff"],
+        [b"serve", b"--recordings", b"\xff"],
+        [b"\xff"],
+    ):
+        (tmp_path / "sim.yaml").write_text("")
+        command = [sys.executable, "-m", "snakeslam", *arguments]
+        done = subprocess.run(command, cwd=tmp_path, capture_output=True, check=False)
+        assert done.returncode == 2, done.stderr
+        assert done.stderr.count(b"\n") == 1
+        assert done.stderr.startswith(b"snakeslam: ")

@@ -25,7 +25,7 @@ from snakeslam.messages import GaitCommand
 from snakeslam.recording.datasets import SENSORS
 from snakeslam.recording.trajectory import write_trajectory
 from snakeslam.recording.tum_writer import TumWriter
-from snakeslam.robot.model import snake_model
+from snakeslam.robot.model import SnakeModel, snake_model
 from snakeslam.runtime.assembly import build_backend, build_control, build_governor, build_slam, fit_to_recording
 from snakeslam.runtime.lockstep import Loop
 from snakeslam.studies.metrics import HeadWindow, Metrics, evaluate, notes_on, tracked_poses
@@ -53,10 +53,12 @@ def run_experiment(
     duration_s: float | None = None,
     out: Path | None = None,
     progress: Progress | None = None,
+    began: Callable[[Path], None] | None = None,
 ) -> RunResult:
     """Run ``config`` in the simulator, or over ``recording``, and write the run directory ``out``.
 
-    The simulator runs for ``duration_s`` (else the config's), a recording for as long or to its end. What is
+    The simulator runs for ``duration_s`` (else the config's), a recording for as long or to its end. ``began`` is
+    called with the run directory's name once it is claimed. What is
     wrong is said before the loop turns (InputError); a run that fails leaves nothing behind.
     """
     if recording is None:
@@ -65,6 +67,8 @@ def run_experiment(
     name = recording.resolve().name if recording else f"{config.gait.name}-s{config.run.seed}"
     with new_directory(out, name) as new, closing(build_backend(config, recording)) as backend:
         part = new.part
+        if began is not None:
+            began(new.out)
         config = fit_to_recording(config, backend)
         recorder = Recorder(_sensor_writer(config, recording, part, backend))
         slam, governor = build_slam(config, backend), build_governor(config)
@@ -72,7 +76,7 @@ def run_experiment(
         collect_seldom()
         wall_s = turn_loop(loop, config, _end_ns(config, backend, duration_s), progress or (lambda _: None))
         metrics = _evaluate(config, backend, recorder, wall_s)
-        notes = _notes(backend, recorder)
+        notes = (*_notes(backend, recorder), *_head_notes(config, backend, metrics))
         _write(part, config, recording, recorder, metrics, notes)
     return RunResult(new.out, metrics, notes)
 
@@ -110,8 +114,7 @@ def turn_loop(loop: Loop, config: Config, end_ns: int, progress: Progress) -> fl
 def _evaluate(config: Config, backend: Backend, recorder: Recorder, wall_s: float) -> Metrics:
     head = None
     if not isinstance(backend, ReplayBackend) and backend.model is not None and recorder.first_ns is not None:
-        period_s = 2.0 * math.pi / resolve(config.gait, backend.model).omega
-        start_up_s = config.run.rest_s + START_UP_PERIODS * period_s
+        period_s, start_up_s = _start_up(config, backend.model)
         head = HeadWindow(recorder.first_ns + round(start_up_s * 1e9), period_s)
     return evaluate(
         recorder.updates,
@@ -122,6 +125,26 @@ def _evaluate(config: Config, backend: Backend, recorder: Recorder, wall_s: floa
         gravity_known=backend.rig.imu0 is not None,
         head=head,
     )
+
+
+def _start_up(config: Config, model: SnakeModel) -> tuple[float, float]:
+    """Return the gait's period, and from when on the head is judged, both in s."""
+    period_s = 2.0 * math.pi / resolve(config.gait, model).omega
+    return period_s, config.run.rest_s + START_UP_PERIODS * period_s
+
+
+def _head_notes(config: Config, backend: Backend, metrics: Metrics) -> list[str]:
+    """Return why the head's motion is not known, where it is not."""
+    if metrics.head.yaw_rms_deg is not None:
+        return []
+    if isinstance(backend, ReplayBackend) or backend.model is None:
+        return ["head is null: its motion is judged in simulated runs only"]
+    period_s, start_up_s = _start_up(config, backend.model)
+    needed_s, ended_s = start_up_s + period_s, metrics.duration_s
+    return [
+        f"head is null: it is judged from {start_up_s:g} s on (rest and {START_UP_PERIODS} gait periods of "
+        f"{period_s:g} s), and the run ends at {ended_s:g} s; --duration {needed_s:g} measures one"
+    ]
 
 
 def _notes(backend: Backend, recorder: Recorder) -> tuple[str, ...]:

@@ -57,7 +57,7 @@ class CameraCalibration(Settings):
     """As many as ``COEFFICIENT_COUNTS`` allows, in OpenCV's order; equidistant: k1 k2 k3 k4."""
     resolution: tuple[int, int]
     """Width, height in px."""
-    timeshift_cam_imu: float = 0.0
+    timeshift_cam_imu: Annotated[float, Field(ge=-1000, le=1000)] = 0.0
     """Seconds to add to a camera stamp to get the IMU's time."""
     timeshift_sigma_s: Annotated[float, Field(ge=0)] | None = None
     """What may be wrong with that, 0: nothing; the estimator's settings say it where this does not (our addition)."""

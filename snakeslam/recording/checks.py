@@ -20,6 +20,7 @@ WRONG_UNIT = 50.0
 ODD_RATE = 1.25
 FRAME_RATES_HZ = (0.05, 5_000.0)
 IMU_RATES_HZ = (1.0, 50_000.0)
+JOINT_RATES_HZ = (0.5, 10_000.0)
 GAP_NS, GAP_PERIODS = 100_000_000, 10
 BRIGHTNESS_SAMPLES = 16
 
@@ -60,9 +61,8 @@ def _with_other_extensions(frames: Sequence[FrameFile]) -> tuple[tuple[FrameFile
             others.setdefault((folder, path.stem.lower()), []).append(path)
     found = [others.get((frame.image.parent, frame.image.stem.lower()), []) for frame in missing]
     images = {frame.image: paths[0] for frame, paths in zip(missing, found, strict=True) if len(paths) == 1}
-    notes = [
-        f"{image}: is read from {other.name}, and {len(images) - 1} more likewise" for image, other in images.items()
-    ]
+    more = f", {len(images) - 1} more likewise" if len(images) > 1 else ""
+    notes = [f"{image}: is read from {other.name}{more}" for image, other in images.items()]
     return tuple(replace(frame, image=images.get(frame.image, frame.image)) for frame in frames), notes[:1]
 
 

@@ -56,13 +56,18 @@ def read_text(path: Path) -> str:
     try:
         if path.exists() and not path.is_file():
             raise InputError(str(path), "is not a file")
-        return path.read_text(encoding="utf-8-sig")
+        data = path.read_bytes()
     except FileNotFoundError as error:
         raise InputError(str(path), "the file is missing") from error
-    except UnicodeDecodeError as error:
-        raise InputError(str(path), "is not a text file") from error
     except OSError as error:
         raise InputError(str(path), f"cannot be read: {error.strerror}") from error
+    if b"\0" in data:
+        raise InputError(str(path), "is not a text file")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        # Titles and comments of older tools have signs such as a degree's in Latin-1; numbers are the same in both.
+        return data.decode("latin-1")
 
 
 def read_table(path: Path, stamp: Callable[[str], int], columns: Sequence[int], repeats: bool = False) -> list[Row]:

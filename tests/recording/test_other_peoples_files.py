@@ -316,7 +316,7 @@ def test_an_image_of_another_extension_is_found_and_noted(tmp_path: Path, suffix
         path.with_suffix(suffix).write_bytes(data)
     assert len(frames_of(folder)) == 4
     (note,) = read(folder).notes
-    assert f"{EUROC_START_NS}.png: is read from {EUROC_START_NS}{suffix}, and 3 more likewise" in note
+    assert f"{EUROC_START_NS}.png: is read from {EUROC_START_NS}{suffix}, 3 more likewise" in note
 
 
 def test_other_formats_that_opencv_decodes_are_read(tmp_path: Path) -> None:
@@ -425,3 +425,32 @@ def test_the_truths_kind_survives_the_backend(tmp_path: Path) -> None:
         count += sum(isinstance(packet, ImuSample) for packet in packets)
     assert count == 31
     assert all(sample.orientation_known for sample in truth)
+
+
+def test_latin_1_in_a_title_is_harmless(tmp_path: Path) -> None:
+    folder = write_euroc(tmp_path / "clip")
+    (folder / IMU).write_bytes((folder / IMU).read_bytes().replace(b"wx", b"w [\xb0/s]", 1))
+    assert len(packets_of(folder)) == 35
+
+
+def test_depth_settings_for_a_folder_without_depth_are_noted(tmp_path: Path) -> None:
+    folder = write_euroc(tmp_path / "clip")
+    (tmp_path / "rig.yaml").write_text(CALIBRATION)
+    recording = read(folder, calibration=tmp_path / "rig.yaml", association_ms=30)
+    assert next(recording.packets(EUROC_START_NS)).t_ns == EUROC_START_NS
+    assert recording.read_frame(0).depth_m is None
+    said = [note.split(":")[0] for note in recording.notes if "an EuRoC folder has no depth images" in note]
+    assert said == ["replay.association_ms", "cam0.depth_scale"]
+
+
+@pytest.mark.parametrize("shift_s", ["1e12", "-1e300", "nan"])
+def test_a_time_shift_beyond_reason_is_refused(tmp_path: Path, shift_s: str) -> None:
+    folder = write_euroc(tmp_path / "clip")
+    edit(folder, CAM_YAML, lambda s: s + f"timeshift_cam_imu: {shift_s}\n")
+    assert "sensor.yaml: timeshift_cam_imu: Input should be" in refusal(folder)
+
+
+def test_a_name_that_no_file_can_have_is_refused(tmp_path: Path) -> None:
+    folder = write_euroc(tmp_path / "clip")
+    edit(folder, CAM, lambda s: s.replace(f",{EUROC_START_NS}", "," + "x" * 400, 1))
+    assert "cam0/data.csv: line 2: 'xxx" in refusal(folder)

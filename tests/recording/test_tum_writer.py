@@ -319,3 +319,12 @@ def test_a_replay_is_not_recorded_again(tmp_path: Path, monkeypatch: pytest.Monk
     write(tmp_path / "sensors", packets())
     assert main(["replay", "sensors", "--set", "recording.enabled=true", "--out", "x"]) == 2
     assert [path.name for path in tmp_path.iterdir()] == ["sensors"]
+
+
+def test_joints_of_another_clock_are_refused(tmp_path: Path) -> None:
+    folder = write(tmp_path / "sensors", packets())
+    edit("joints.csv", lambda s: [s[0], *(cells(r, lambda c: [str(int(c[0]) + 10**12), *c[1:]]) for r in s[1:])])(
+        folder
+    )
+    with pytest.raises(InputError, match=r"joints\.csv: no sample lies within the frames' time"):
+        ReplayBackend(folder, ReplaySettings())

@@ -15,6 +15,8 @@ from snakeslam.errors import InputError
 from snakeslam.recording.recording import FrameFile
 from snakeslam.settings import Settings
 
+LONGEST_NAME = 255
+
 Model = TypeVar("Model", bound=Settings)
 
 
@@ -32,8 +34,10 @@ def frame_stamps(frames: Sequence[FrameFile]) -> NDArray[np.int64]:
 
 
 def image_path(folder: Path, name: str, where: str) -> Path:
-    """Return the file ``name`` below ``folder``; InputError for a name that leads out of it."""
+    """Return the file ``name`` below ``folder``; InputError for a name that leads out of it or can be none."""
     pure = PurePosixPath(name)
+    if any(len(part.encode()) > LONGEST_NAME for part in pure.parts):
+        raise InputError(where, f"{name[:80]!r}... is no file name", f"up to {LONGEST_NAME} bytes")
     if pure.is_absolute() or ".." in pure.parts or "\0" in name:
         raise InputError(where, f"{name[:80]!r} leads out of the folder")
     return folder / pure

@@ -54,15 +54,28 @@ def read_euroc(path: Path, settings: ReplaySettings) -> Recording:
     frames = shift_frames(frames, cam0.timeshift_cam_imu)
     notes += check_overlap(imu_csv, imu.t_ns, frame_stamps(frames))
     truth = read_truth(root, calibration.T_BI, frame_stamps(frames), notes)
+    notes += _without_effect(cam0, settings)
+    cam0 = cam0.model_copy(update={"timeshift_cam_imu": 0.0, "depth_scale": None})
     return Recording(
         name=(root.resolve().parent if root.name == "mav0" else root.resolve()).name,
         kind="euroc",
-        rig=SensorRig(cam0=cam0.model_copy(update={"timeshift_cam_imu": 0.0}), imu0=imu0),
+        rig=SensorRig(cam0=cam0, imu0=imu0),
         frames=frames,
         imu=imu,
         truth=truth,
         notes=tuple(notes),
     )
+
+
+def _without_effect(cam0: CameraCalibration, settings: ReplaySettings) -> list[str]:
+    """Return notes on what was given for depth images, which an EuRoC folder does not have."""
+    given = {
+        "replay.association_ms": settings.association_ms != ReplaySettings().association_ms,
+        "cam0.depth_scale": cam0.depth_scale is not None,
+    }
+    return [
+        f"{name}: has no effect, an EuRoC folder has no depth images" for name, is_given in given.items() if is_given
+    ]
 
 
 def read_frames(root: Path) -> tuple[FrameFile, ...]:

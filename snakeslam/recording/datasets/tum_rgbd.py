@@ -16,6 +16,7 @@ from snakeslam.recording import tables
 from snakeslam.recording.checks import (
     FRAME_RATES_HZ,
     IMU_RATES_HZ,
+    JOINT_RATES_HZ,
     check_overlap,
     check_rate,
     check_truth,
@@ -51,6 +52,10 @@ def read_tum_rgbd(path: Path, settings: ReplaySettings) -> Recording:
     frames = shift_frames(frames, rig.cam0.timeshift_cam_imu)
     if imu is not None:
         notes += _check_imu(path / "imu.csv", imu, rig, frames)
+    joints = read_joints(path, session)
+    if joints is not None:
+        notes += check_rate(path / "joints.csv", joints.t_ns, None, JOINT_RATES_HZ, "nanoseconds")
+        notes += check_overlap(path / "joints.csv", joints.t_ns, frame_stamps(frames))
     return Recording(
         name=path.resolve().name,
         kind="tum_rgbd",
@@ -58,7 +63,7 @@ def read_tum_rgbd(path: Path, settings: ReplaySettings) -> Recording:
         frames=frames,
         imu=imu,
         truth=_read_truth(path / "groundtruth.txt", rig, frames, notes),
-        joints=read_joints(path, session),
+        joints=joints,
         seed=None if session.run is None else session.run.seed,
         notes=tuple(notes),
     )

@@ -35,6 +35,8 @@ from snakeslam.studies.run_directory import new_directory
 Progress = Callable[[float], None]
 START_UP_PERIODS = 2
 """The head is judged once the gait has formed."""
+LEAST_CONTRAST = 5.0
+"""Standard deviation of an image's grey values, of 255, below which there is nothing to follow."""
 PACKAGES = ("snakeslam", "numpy", "scipy", "opencv-python-headless", "pybullet")
 
 
@@ -152,7 +154,21 @@ def _notes(backend: Backend, recorder: Recorder) -> tuple[str, ...]:
     if not isinstance(backend, ReplayBackend):
         return tuple(notes_on(recorder.updates, recorder.truth, truth_recorded=False))
     truth_recorded = bool(backend.recording.truth)
-    return (*backend.notes, *notes_on(recorder.updates, recorder.truth, truth_recorded=truth_recorded))
+    notes = (*backend.notes, *notes_on(recorder.updates, recorder.truth, truth_recorded=truth_recorded))
+    tracked = any(update.health.verdict.tracked for update in recorder.updates)
+    return notes if tracked else (*notes, *_contrast_note(backend))
+
+
+def _contrast_note(backend: ReplayBackend) -> tuple[str, ...]:
+    """Return a note where the image in the middle of a recording has nothing to see."""
+    frame = backend.recording.frames[len(backend.recording.frames) // 2]
+    gray = backend.recording.read_frame(len(backend.recording.frames) // 2).gray
+    spread, mean = float(gray.std()), float(gray.mean())
+    if spread >= LEAST_CONTRAST:
+        return ()
+    return (
+        f"{frame.image}: the image has almost no contrast (grey {mean:.0f} of 255, standard deviation {spread:.1f})",
+    )
 
 
 def _write(

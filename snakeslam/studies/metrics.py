@@ -160,7 +160,8 @@ def notes_on(updates: Sequence[SlamUpdate], truth: Sequence[GroundTruth], *, tru
     if compared == len(tracked):
         return []
     path = "" if len(_within(truth_trajectory(truth), updates)) > 1 else "; path and speed are the estimate's"
-    return [f"the ground truth is known for {compared} of {len(tracked)} tracked poses, the errors are theirs{path}"]
+    errors = "the errors are theirs" if compared else "no error is known"
+    return [f"the ground truth is known for {compared} of {len(tracked)} tracked poses, {errors}{path}"]
 
 
 def _nothing_tracked(updates: Sequence[SlamUpdate]) -> str:
@@ -168,7 +169,8 @@ def _nothing_tracked(updates: Sequence[SlamUpdate]) -> str:
         return "there was no image: nothing was tracked"
     reasons = Counter(reason for update in updates for reason in update.health.reasons)
     said = "; ".join(f"{reason} ({count})" for reason, count in reasons.most_common(2)) or "no reason is known"
-    return f"nothing was tracked in {len(updates)} images: {said}"
+    most = max(update.health.tracks for update in updates)
+    return f"nothing was tracked in {len(updates)} images: {said}; at most {most} features in one image"
 
 
 def count_islands(updates: Sequence[SlamUpdate]) -> int | None:

@@ -40,6 +40,7 @@ def test_a_replay_that_tracks_nothing_says_so(tmp_path: Path) -> None:
     notes = [line for line in ended.stderr.splitlines() if line.startswith("snakeslam: note: ")]
     assert [line for line in notes if "the ground truth does not overlap the frames in time" in line]
     assert [line for line in notes if "nothing was tracked in 4 images: " in line]
+    assert [line for line in notes if "the image has almost no contrast (grey 0 of 255" in line]
     written = json.loads((tmp_path / "run/run.json").read_text())["notes"]
     assert [f"snakeslam: note: {note}" for note in written] == notes
 
@@ -57,7 +58,7 @@ def test_a_truth_that_does_not_overlap_is_said(shared_data: Path, tmp_path: Path
     first, second = result.notes
     assert "the ground truth does not overlap the frames in time" in first
     assert second.startswith("the ground truth is known for 0 of ")
-    assert second.endswith("; path and speed are the estimate's")
+    assert second.endswith(" tracked poses, no error is known; path and speed are the estimate's")
 
 
 def test_positions_without_orientation_are_compared_as_far_as_they_go(shared_data: Path, tmp_path: Path) -> None:

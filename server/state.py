@@ -107,13 +107,18 @@ def tick_json(view: View, tick: Tick) -> Json:
 
 
 def body_json(view: View, tick: Tick) -> Json | None:
-    """The body in the world for the page's own drawing: where each link begins, tail to head, as x, y, z in turn."""
+    """The body in the world for the page's own drawing: where each link begins, tail to head, as x, y, z in turn.
+
+    A recording without joints has a single point, where its IMU is.
+    """
     Ts_WL = body_links(view, tick)
+    if Ts_WL is None and tick.T_WI is not None:
+        Ts_WL = tick.T_WI[None]
     if Ts_WL is None:
         return None
     points = np.round(Ts_WL[:, :3, 3], 3).ravel().tolist()
     heading_deg = math.degrees(heading_rad(tick, Ts_WL))
-    return {"p_m": points, "heading_deg": round(heading_deg, 1), "estimated": tick.Ts_WL is not None}
+    return {"p_m": points, "heading_deg": round(heading_deg, 1), "estimated": tick.T_WI is not None}
 
 
 def event_json(view: View, event: Event) -> Json:

@@ -12,6 +12,7 @@ import viser
 
 from server.body import body_links, heading_rad, mean_path
 from server.live import MAX_PATH, Path3, View
+from server.state import body_json
 from server.viewer import MAX_PATH_POINTS, Scene, capsule_mesh, path_segments
 from server.viewer_host import start_viser, stop_viser
 from snakeslam.config import Config
@@ -127,6 +128,15 @@ def test_the_body_is_drawn_before_there_is_an_estimate(server: viser.ViserServer
     assert body_links(View("recording", "clip", Config()), waiting) is None
     view.estimate.add(0.0, np.eye(4))
     assert body_links(view, waiting) is None, "an estimate that was lost does not put the body back to the start"
+
+
+def test_the_page_follows_the_imu_of_a_recording_without_joints() -> None:
+    T = np.eye(4)
+    T[:3, 3] = [1.0, 2.0, 0.5]
+    view = View("recording", "clip", Config())
+    found = body_json(view, replace(TICK, T_WI=T, Ts_WL=None))
+    assert found == {"p_m": [1.0, 2.0, 0.5], "heading_deg": 0.0, "estimated": True}
+    assert body_json(view, replace(TICK, T_WI=None, Ts_WL=None)) is None
 
 
 def test_the_heading_is_the_heads_mean_one_or_that_of_the_body() -> None:

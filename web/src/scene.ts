@@ -21,6 +21,8 @@ const MOST_GROWTH = 4;
 /** So many points are drawn however slow the machine is. */
 const FEWEST_POINTS = 6000;
 const PICK_PX = 10;
+/** Triangles of a picture that has no body in it yet, at most: a link alone has 144. */
+const WITHOUT_BODY = 1000;
 
 // The part of three.js and viser that is used.
 interface Vector {
@@ -90,6 +92,8 @@ export class Scene3D {
   /** The program that has drawn; another one, after loading again, has not. */
   private drawnBy: Viser | null = null;
   pointSizeM = 0.016;
+  /** A robot is known: a picture without it is not the first one. */
+  expectsBody = false;
 
   constructor(private readonly frame: HTMLIFrameElement) {}
 
@@ -98,7 +102,11 @@ export class Scene3D {
     if (!window?.__viserMutable) return "program";
     if (!this.root) return "scene";
     if (this.drawnBy === window.__viserMutable) return "drawn";
-    if (!window.__viserTestpoints?.rendererInfo?.render?.triangles) return "picture";
+    const triangles = window.__viserTestpoints?.rendererInfo?.render?.triangles ?? 0;
+    if (triangles <= (this.expectsBody ? WITHOUT_BODY : 0)) {
+      window.__viserMutable.requestRender();
+      return "picture";
+    }
     this.drawnBy = window.__viserMutable;
     return "drawn";
   }

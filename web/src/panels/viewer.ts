@@ -65,6 +65,7 @@ class ViewerPanel {
     app.tick.on((tick) => {
       this.mapPoints = tick.map_points;
       this.tools.setBody(tick.body);
+      this.scene.expectsBody = (tick.body?.p_m.length ?? 0) > 3;
       const centre = this.tools.centre;
       if (tick.body && centre) this.top.follow(centre[0], centre[1]);
     });

@@ -16,7 +16,7 @@ const LAYERS: [Layer, string][] = [
 ];
 /** From the middle of the body: as the server places a camera that has not been moved (server/viewer.py). */
 const VIEW_FROM_M: Point = [-1.2, -1.8, 1.7];
-const TOP_MARGIN = 1.5;
+const TOP_MARGIN = 1.9;
 const LEAST_FIT_M = 1.2;
 const FOLLOW_STEP_M = 0.005;
 const SCALE_PX = 110;

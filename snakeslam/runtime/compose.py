@@ -1,5 +1,7 @@
 """One picture of the session from what robot and slam say of themselves; pure."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from snakeslam.calibration import SensorRig
@@ -21,7 +23,7 @@ def tick(robot: RobotState, slam: SlamState | None, sender: str, *, slam_alive: 
         moving=robot.moving,
         estop_reason=robot.estop_reason,
         gait=robot.gait,
-        health=health if slam_alive else SILENT,
+        health=health if slam_alive else replace(SILENT, map_connected=health.map_connected),
         realtime_factor=robot.realtime_factor,
         frame_rate_hz=slam.frame_rate_hz if slam is not None and slam_alive else None,
         q_target_rad=robot.q_target_rad,

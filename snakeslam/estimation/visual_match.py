@@ -65,6 +65,7 @@ class Match:
 def look(frame: CameraFrame, orb: OrbExtractor, camera: PinholeCamera, noise: NoiseSettings, rate_rad_s: float) -> View:
     """Return a frame's features with depth and noise; blur from a turn of ``rate_rad_s`` widens the noise."""
     features = orb.extract(frame.gray)
+    features = features.pick(camera.usable_at(features.px))
     z = sample_depth(frame.depth_m, features.px)
     z = np.where((z >= noise.depth_min_m) & (z <= noise.depth_max_m), z, 0.0)
     blur_px = rate_rad_s * camera.focal_px * (frame.exposure_ns / 1e9 or UNKNOWN_EXPOSURE_S)
@@ -75,6 +76,12 @@ def look(frame: CameraFrame, orb: OrbExtractor, camera: PinholeCamera, noise: No
     return View(features, np.column_stack([camera.normalise(features.px), z]), weights)
 
 
+def _extremes(px: Float) -> Float:
+    """Return the pixels of (N, 2) that lie outermost along the axes and the diagonals, (8, 2)."""
+    along = px @ np.array([[1.0, 0.0, 1.0, 1.0], [0.0, 1.0, 1.0, -1.0]])
+    return px[np.concatenate([along.argmin(axis=0), along.argmax(axis=0)])]
+
+
 class Matcher:
     """Matches features with the map, near a predicted pose or anywhere."""
 
@@ -82,8 +89,8 @@ class Matcher:
         self._settings = settings
         self._camera = camera
         self._seed = seed
-        corners = np.array([[0, 0], [1, 0], [0, 1], [1, 1]]) * [camera.width_px - 1.0, camera.height_px - 1.0]
-        limits = camera.normalise(corners)
+        row, column = np.nonzero(camera.usable)
+        limits = camera.normalise(_extremes(np.column_stack([column, row]).astype(np.float64)))
         self._low, self._high = limits.min(axis=0) - MARGIN, limits.max(axis=0) + MARGIN
 
     def near(self, view: View, known: VisualMap, T_WC: Float) -> Match | None:

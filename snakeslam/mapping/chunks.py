@@ -17,7 +17,8 @@ def depth_points(
     """Return points_K (N, 3) m and rgb (N, 3) of a frame's trusted depths, one for each PIXEL_STEP pixels."""
     if frame.depth_m is None:
         return np.empty((0, 3)), np.empty((0, 3), np.uint8)
-    v, u = np.nonzero(trusted_depth(frame.depth_m, settings)[::PIXEL_STEP, ::PIXEL_STEP])
+    trusted = trusted_depth(frame.depth_m, settings) & (camera.usable > 0)
+    v, u = np.nonzero(trusted[::PIXEL_STEP, ::PIXEL_STEP])
     v, u = v * PIXEL_STEP, u * PIXEL_STEP
     rays = camera.normalise(np.stack([u, v], axis=-1).astype(np.float64))
     z = frame.depth_m[v, u].astype(np.float64)[:, None]

@@ -214,6 +214,18 @@ class ImuBuffer:
         """What is held, oldest first."""
         return tuple(self._samples)
 
+    def covered_since_ns(self, t_ns: int, max_gap_s: float) -> int | None:
+        """Return since when samples follow each other up to ``t_ns`` without a gap; None if the last is too old."""
+        until_ns, max_gap_ns = t_ns, round(max_gap_s * 1e9)
+        for sample in reversed(self._samples):
+            if until_ns - sample.t_ns > max_gap_ns:
+                break
+            until_ns = min(until_ns, sample.t_ns)
+        return None if until_ns == t_ns and not self._reaches(t_ns, max_gap_ns) else until_ns
+
+    def _reaches(self, t_ns: int, max_gap_ns: int) -> bool:
+        return self._last_ns is not None and t_ns - self._last_ns <= max_gap_ns
+
     def longest_gap_s(self, start_ns: int, end_ns: int) -> float:
         """Return the longest time without a sample up to ``end_ns``, counted from the last one before ``start_ns``."""
         first = bisect_right(self._samples, start_ns, key=_time)

@@ -98,6 +98,12 @@ class SlidingWindow:
             state.widen(THETA, (GAP_RATE_RAD_S * blind_s) ** 2)
             state.widen(V, (GAP_ACCEL_M_S2 * blind_s) ** 2)
 
+    def vibrate(self, spread_m_s2: float, since_ns: int) -> None:
+        """Widen the velocity by a vibration that the IMU's noise model leaves out, of such a spread, for such a time."""
+        variance = spread_m_s2**2 / self._model.noise.update_rate * since_ns * 1e-9
+        if variance > 0.0:
+            self.state.widen(V, variance)
+
     def correct(self, frame: FrontendFrame, rest: Rest | None = None, way: GaitWay | None = None) -> Report:
         """Take the features of a frame at the state's time, that the head is at rest when it is, the gait's way."""
         state, tracks = self.state, self._tracks

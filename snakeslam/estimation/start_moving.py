@@ -33,11 +33,15 @@ def start_moving(
     window = _window(tracks, times_ns, imu, rows, noise, gravity_m_s2)
     if window is None:
         return None
-    bias_g = _gyro_bias(window)
-    linear = _velocity_and_gravity(window, window.motions(bias_g, np.zeros(3)))
-    if linear is None:
+    try:
+        bias_g = _gyro_bias(window)
+        linear = _velocity_and_gravity(window, window.motions(bias_g, np.zeros(3)))
+        if linear is None:
+            return None
+        refined = Refinement(window, bias_g, *linear).solve()
+    except np.linalg.LinAlgError:
+        # Frames that leave a part of the unknowns undetermined give singular equations: no start from them.
         return None
-    refined = Refinement(window, bias_g, *linear).solve()
     return None if refined is None else started(refined, times_ns[0], gravity_m_s2)
 
 

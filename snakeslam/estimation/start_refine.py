@@ -76,6 +76,7 @@ class Refinement:
         self.w, self.v, self.g = window, v, g
         self.bias_g, self.bias_a = bias_g, np.zeros(3)
         self.points: Float | None = None
+        self.count = 0
 
     def solve(self) -> _Start | None:
         """Return the refined start, or None when it is not plausible."""
@@ -84,6 +85,8 @@ class Refinement:
         pre = self.w.motions(self.bias_g, self.bias_a)
         A, b, cost, rms = self._normal_equations(pre)
         for rounds in range(1, REFINE_ROUNDS):
+            if self.count < MIN_TRACKS:
+                return None
             pull = np.concatenate([np.zeros(9), prior[self.SBA] * self.bias_a])
             scale = np.diag(np.diag(A)) * DAMPING
             step: Float = np.asarray(np.linalg.solve(self._with_prior(A, prior) + scale, b - pull), dtype=np.float64)
@@ -96,6 +99,8 @@ class Refinement:
             A, b, cost, rms = self._normal_equations(pre)
             if abs(last - cost) < SETTLED * max(cost, SETTLED) and rounds > SUM_AGAIN:
                 break
+        if self.count < MIN_TRACKS:
+            return None
         cov: Float = np.asarray(np.linalg.inv(self._with_prior(A, prior)), dtype=np.float64)
         wide: Float = np.asarray(np.linalg.inv(self._with_prior(A / CAUTION**2, prior)), dtype=np.float64)
         return self._accepted(cov, wide, rms)
@@ -136,6 +141,10 @@ class Refinement:
         R, p, r_pose_x = self._poses(pre)
         poses = Poses(R, p)
         self.points, good = triangulate(poses, self.w.observed, self.w.rows)
+        self.count = int(good.sum())
+        if self.count < MIN_TRACKS:
+            # Hardly any point has parallax: a camera that hardly moves.
+            return np.zeros((12, 12)), np.zeros(12), np.inf, np.inf
         observed, points = self.w.observed.pick(good), self.points[good]
         r = residuals(points, poses, observed, self.w.rows)
         scale = robust_scale(r)
@@ -151,7 +160,6 @@ class Refinement:
         A = np.einsum("mki,mkj->ij", Hx, Hx) - np.einsum("mij,mkj->ik", narrow, cross)
         b = np.einsum("mki,mk->i", Hx, flat) - np.einsum("mij,mj->i", narrow, g_f)
         seen = max(1, int(observed.seen.sum()))
-        self.count = m
         return A, b, float(np.sum(flat**2)), float(np.sqrt(np.sum(flat**2) / (2 * seen)))
 
     def _accepted(self, cov: Float, wide: Float, rms: float) -> _Start | None:

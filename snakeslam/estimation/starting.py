@@ -1,4 +1,7 @@
-"""When the filter starts: from rest, or from motion once there is enough of it."""
+"""When the filter starts: from rest, or from motion once there is enough of it.
+
+Both need what they integrate over: frames count from where IMU samples cover the time up to the newest one without a gap.
+"""
 
 from dataclasses import dataclass
 
@@ -9,16 +12,22 @@ from snakeslam.estimation.preintegration import ImuBuffer
 from snakeslam.estimation.settings import EstimatorSettings
 from snakeslam.estimation.sliding_window import ENOUGH_WITH_DEPTH, Model, SlidingWindow
 from snakeslam.estimation.start_moving import start_moving
-from snakeslam.estimation.start_still import start_still
+from snakeslam.estimation.start_still import TREMOR_S, Stationary, start_still
 from snakeslam.estimation.tracks import TrackTable
+from snakeslam.geometry.median import median
+from snakeslam.messages import Float
 
 AT_REST, IN_MOTION = "initialised at rest", "initialised in motion"
-STILL_DISPARITY_PX = 1.0
-STILL_WINDOW_NS = 300_000_000
+STILL_PX, TREMOR_PX = 1.0, 3.0
+"""Most that the features of a stationary camera have moved (median) over up to 0.45 s, the second with a tremor."""
+STILL_WINDOW_NS = 450_000_000
+MIN_COMMON = 10
 MOVING_START_NS = 700_000_000
 MOVING_START_DEPTH_NS = 300_000_000
 """With depth the way need not be long enough to see points from two sides."""
 MOVING_MEMORY_NS = 1_500_000_000
+MISSED_SAMPLES = 3.0
+"""So many sample periods without a sample are a gap, where that is longer than the settings' limit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,20 +44,76 @@ class Starter:
     def __init__(self, settings: EstimatorSettings, model: Model) -> None:
         self._settings = settings
         self._model = model
+        self._max_gap_s = max(settings.health.max_imu_gap_s, MISSED_SAMPLES / model.noise.update_rate)
         self._history: list[Seen] = []
+        self._still_since = 0
+        """Index into the history: since that frame the image has not moved."""
+        self.bias_g: Float | None = None
+        """Mean gyro rate since the frame before, (3,) rad/s, where the image did not move: about the gyro's bias."""
 
     def try_to_start(self, seen: Seen, imu: ImuBuffer) -> tuple[SlidingWindow, str] | None:
         """Return a filter at the frame before its correction (from rest) or after it (from motion), and how."""
-        self._history = [s for s in (*self._history, seen) if s.t_ns >= seen.t_ns - MOVING_MEMORY_NS]
+        self._history.append(seen)
+        covered_ns = imu.covered_since_ns(seen.t_ns, self._max_gap_s)
+        if covered_ns is None:
+            self._forget_before(seen.t_ns + 1)
+        else:
+            # The first sample also serves for the few periods before it.
+            covered_ns -= round(MISSED_SAMPLES / self._model.noise.update_rate * 1e9)
+            self._forget_before(max(seen.t_ns - MOVING_MEMORY_NS, covered_ns))
+        if not self._history:
+            imu.forget_before(seen.t_ns - STILL_WINDOW_NS)
+            return None
         imu.forget_before(self._history[0].t_ns - STILL_WINDOW_NS)
+        self._watch_image(imu)
         return self._from_rest(seen, imu) or self._from_motion(seen, imu)
 
-    def _from_rest(self, seen: Seen, imu: ImuBuffer) -> tuple[SlidingWindow, str] | None:
-        disparity = seen.features.disparity_px
-        if disparity is None or disparity > STILL_DISPARITY_PX:
+    def _forget_before(self, t_ns: int) -> None:
+        kept = [s for s in self._history if s.t_ns >= t_ns]
+        self._still_since = max(0, self._still_since - (len(self._history) - len(kept)))
+        self._history = kept
+
+    def _watch_image(self, imu: ImuBuffer) -> None:
+        """Find since when the image has not moved, as it is seen: nothing that depends on the gyro is removed from it."""
+        self.bias_g = None
+        if len(self._history) < 2:
+            self._still_since = 0
+            return
+        last, before = self._history[-1], self._history[-2]
+        newest = len(self._history) - 1
+        pair_px = self._moved_px(before, last)
+        if pair_px is None or pair_px > TREMOR_PX:
+            self._still_since = newest
+            return
+        between = [s.gyro_I for s in imu.recent(before.t_ns) if s.t_ns <= last.t_ns]
+        self.bias_g = np.mean(between, axis=0) if between else None
+        while self._still_since < newest:
+            moved_px = self._moved_px(self._history[self._still_since], last)
+            long = last.t_ns - self._history[self._still_since].t_ns > STILL_WINDOW_NS
+            if not long and moved_px is not None and moved_px <= TREMOR_PX:
+                break
+            self._still_since += 1
+
+    def _moved_px(self, before: Seen, now: Seen) -> float | None:
+        """Return the median motion of the features that both frames have, None when they are too few."""
+        a, b = before.features, now.features
+        if b.frozen:
+            return 0.0
+        _, at, then = np.intersect1d(b.ids, a.ids, assume_unique=True, return_indices=True)
+        if len(at) < MIN_COMMON:
             return None
-        recent = [s for s in imu.samples if s.t_ns > seen.t_ns - STILL_WINDOW_NS]
-        state = start_still(recent, seen.t_ns, self._settings.gravity_m_s2, self._model.noise)
+        step = b.xy[at] - a.xy[then]
+        return median(np.hypot(step[:, 0], step[:, 1])) * self._model.focal_px
+
+    def _from_rest(self, seen: Seen, imu: ImuBuffer) -> tuple[SlidingWindow, str] | None:
+        since = self._history[self._still_since]
+        moved_px = self._moved_px(since, seen)
+        age_s = (seen.t_ns - since.t_ns) / 1e9
+        if since is seen or moved_px is None or (moved_px > STILL_PX and age_s < TREMOR_S):
+            return None
+        recent = [s for s in imu.recent(since.t_ns) if s.t_ns <= seen.t_ns]
+        stationary = Stationary(age_s, moved_px / self._model.focal_px)
+        state = start_still(recent, seen.t_ns, self._settings.gravity_m_s2, self._model.noise, stationary)
         return None if state is None else (SlidingWindow(state, self._settings, self._model), AT_REST)
 
     def _from_motion(self, seen: Seen, imu: ImuBuffer) -> tuple[SlidingWindow, str] | None:

@@ -9,6 +9,7 @@ from snakeslam.calibration import ImuCalibration
 from snakeslam.estimation.frontend import FrontendFrame
 from snakeslam.estimation.gating import Innovation
 from snakeslam.estimation.ieskf import PlainRows
+from snakeslam.estimation.start_still import DISTANCE_M, TREMOR_ACCEL_STD, TREMOR_GYRO_STD, TREMOR_V_S
 from snakeslam.estimation.state import THETA, P, State, V
 from snakeslam.geometry import so3
 from snakeslam.geometry.median import median
@@ -19,17 +20,31 @@ REST_PX = 2.0
 MIN_COMMON = 10
 GYRO_STD_RAD_S, ACCEL_STD_M_S2 = 0.02, 0.15
 GYRO_MEAN_RAD_S = 0.02
-DISTANCE_M = 3.0
-"""How far what is seen is taken to be, when a motion in the picture is turned into one in space."""
+TREMOR_PX, TREMOR_GYRO_MEAN_RAD_S = 3.0, 0.05
+"""The limits with a tremor, from a start at rest for as long as the image stays where it was."""
 SIGMA_V_M_S, SIGMA_P_M, SIGMA_THETA_RAD = 0.005, 0.001, 0.001
 
 
 @dataclass(frozen=True, slots=True)
 class Rest:
-    """At rest since ``since_ns``, for ``age_s``; the picture moved by ``moved_rad`` (median angle of its features)."""
+    """At rest since ``since_ns``, for ``age_s``; the picture moved by ``moved_rad`` (median angle of its features).
+
+    ``since_start`` tells that it has lasted since the filter's start, with a tremor of ``tremor_m_s2`` (spread of the
+    specific force beyond the IMU's noise).
+    """
 
     since_ns: int
     age_s: float
+    moved_rad: float
+    since_start: bool = False
+    tremor_m_s2: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class _Limits:
+    gyro_std: float
+    accel_std: float
+    gyro_mean: float
     moved_rad: float
 
 
@@ -37,19 +52,34 @@ class RestDetector:
     """Says when IMU and picture have been at rest together for a while."""
 
     def __init__(self, noise: ImuCalibration, focal_px: float) -> None:
-        self._gyro_std = GYRO_STD_RAD_S + 2.0 * noise.gyroscope_noise_density * np.sqrt(noise.update_rate)
-        self._accel_std = ACCEL_STD_M_S2 + 2.0 * noise.accelerometer_noise_density * np.sqrt(noise.update_rate)
-        self._rest_rad = REST_PX / focal_px
+        gyro = 2.0 * noise.gyroscope_noise_density * np.sqrt(noise.update_rate)
+        self._white_accel = noise.accelerometer_noise_density * np.sqrt(noise.update_rate)
+        accel = 2.0 * self._white_accel
+        self._still = _Limits(GYRO_STD_RAD_S + gyro, ACCEL_STD_M_S2 + accel, GYRO_MEAN_RAD_S, REST_PX / focal_px)
+        self._tremor = _Limits(
+            TREMOR_GYRO_STD + gyro, TREMOR_ACCEL_STD + accel, TREMOR_GYRO_MEAN_RAD_S, TREMOR_PX / focal_px
+        )
         self._reference: tuple[int, FrontendFrame] | None = None
+        self._since_start = False
+        self.tremor_m_s2 = 0.0
+        """Spread of the specific force beyond the IMU's noise, while a tremor is allowed; else 0."""
 
     def begin(self, t_ns: int, frame: FrontendFrame) -> None:
-        """Take it that rest has been found otherwise, for as long as it takes."""
+        """Take it that rest has been found otherwise, for as long as it takes.
+
+        Without depth a tremor is no end of it: no parallax tells the filter that the camera stays where it is. With
+        depth the features do.
+        """
         self._reference = (t_ns - REST_NS, frame)
+        self._since_start = not np.any(frame.depth_m > 0.0)
 
     def see(self, t_ns: int, frame: FrontendFrame, samples: Sequence[ImuSample], bias_g: Float) -> Rest | None:
         """Return the rest that lasts until ``t_ns``, or None; ``samples`` are those of the last 0.3 s."""
-        if not self._imu_rests(samples, bias_g):
-            self._reference = None
+        limits = self._tremor if self._since_start else self._still
+        self.tremor_m_s2 = 0.0
+        spread = self._imu_rests(samples, bias_g, limits)
+        if spread is None:
+            self._reference, self._since_start = None, False
             return None
         if self._reference is None:
             self._reference = (t_ns, frame)
@@ -57,23 +87,31 @@ class RestDetector:
         since_ns, reference = self._reference
         _, now, then = np.intersect1d(frame.ids, reference.ids, assume_unique=True, return_indices=True)
         moved = np.linalg.norm(frame.xy[now] - reference.xy[then], axis=1)
-        if len(moved) < MIN_COMMON or (moved_rad := median(moved)) > self._rest_rad:
-            self._reference = (t_ns, frame)
+        self.tremor_m_s2 = np.sqrt(max(0.0, spread**2 - self._white_accel**2)) if self._since_start else 0.0
+        enough = len(moved) >= MIN_COMMON
+        moved_rad = median(moved) if enough else np.inf
+        if moved_rad > limits.moved_rad:
+            # Features that are replaced are no motion: the next frame is compared with this one.
+            self._reference, self._since_start = (t_ns, frame), self._since_start and not enough
             return None
         if t_ns - since_ns < REST_NS:
             return None
-        return Rest(since_ns, (t_ns - since_ns) / 1e9, moved_rad)
+        return Rest(since_ns, (t_ns - since_ns) / 1e9, moved_rad, self._since_start, self.tremor_m_s2)
 
-    def _imu_rests(self, samples: Sequence[ImuSample], bias_g: Float) -> bool:
+    @staticmethod
+    def _imu_rests(samples: Sequence[ImuSample], bias_g: Float, limits: _Limits) -> float | None:
+        """Return the spread of the specific force, None where the IMU does not rest."""
         if len(samples) < 2:
-            return False
+            return None
         gyro = np.array([s.gyro_I for s in samples])
         accel = np.array([s.accel_I for s in samples])
-        return bool(
-            np.all(gyro.std(axis=0) < self._gyro_std)
-            and np.all(accel.std(axis=0) < self._accel_std)
-            and np.linalg.norm(gyro.mean(axis=0) - bias_g) < GYRO_MEAN_RAD_S
+        spread = accel.std(axis=0)
+        rests = (
+            np.all(gyro.std(axis=0) < limits.gyro_std)
+            and np.all(spread < limits.accel_std)
+            and np.linalg.norm(gyro.mean(axis=0) - bias_g) < limits.gyro_mean
         )
+        return float(np.sqrt(np.mean(spread**2))) if rests else None
 
 
 @dataclass(slots=True)
@@ -90,7 +128,8 @@ class AtRest(PlainRows):
     def of(rest: Rest, state: State, has_clone: bool) -> "AtRest":
         """Return the rows of a rest; what moves a little in the picture may move a little in space."""
         moved_m = rest.moved_rad * DISTANCE_M
-        sigmas = SIGMA_V_M_S + moved_m / rest.age_s, SIGMA_P_M + moved_m, SIGMA_THETA_RAD + rest.moved_rad
+        sigma_v = SIGMA_V_M_S + moved_m / rest.age_s + TREMOR_V_S * rest.tremor_m_s2
+        sigmas = sigma_v, SIGMA_P_M + moved_m, SIGMA_THETA_RAD + rest.moved_rad
         of_rest = int(np.searchsorted(state.clones.t_ns, rest.since_ns))
         return AtRest(*sigmas, of_rest if has_clone and of_rest < len(state.clones) - 1 else None)
 

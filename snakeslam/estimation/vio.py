@@ -122,7 +122,7 @@ class VisualInertialOdometry:
             self._picture_ns = t_ns
         if self._filter is None:
             return self._start(frame, seen, gap_s)
-        return self._track(frame, seen, self._filter, gap_s)
+        return self._track(frame, seen, self._filter, gap_s, last_ns)
 
     @property
     def mount(self) -> tuple[Mount, Float] | None:
@@ -153,13 +153,18 @@ class VisualInertialOdometry:
 
     # -- One frame ----------------------------------------------------------------------------------------------------
 
-    def _track(self, frame: CameraFrame, seen: Seen, window: SlidingWindow, gap_s: float) -> FrameEstimate:
+    def _track(
+        self, frame: CameraFrame, seen: Seen, window: SlidingWindow, gap_s: float, last_ns: int | None
+    ) -> FrameEstimate:
         """Correct the propagated state by what is seen, and judge."""
         features, state, health = seen.features, window.state, self._settings.health
         way = self._gait.tell(state, self._imu, seen.t_ns, features.frozen) if self._gait else None
         rest = self._rest.see(seen.t_ns, features, self._imu.recent(seen.t_ns - REST_NS), state.bias_g)
-        # A head held still on a crawling body looks at rest to the picture and to the IMU.
-        if self._moves(state, seen.t_ns) or way is not None:
+        window.vibrate(self._rest.tremor_m_s2, seen.t_ns - (last_ns or seen.t_ns))
+        # A head held still on a crawling body looks at rest to the picture and to the IMU. In a tremor the filter's
+        # own velocity does not count: it is that of the tremor.
+        moves = self._moves(state, seen.t_ns)
+        if rest is not None and ((moves and not rest.since_start) or way is not None):
             rest = None
         report = self._correct(seen, window, rest, way)
         self._frontend.drop(report.refused)
@@ -247,6 +252,8 @@ class VisualInertialOdometry:
         """Try to start; the first pose defines W."""
         bad = self._imu.take_bad_count()
         started = self._starter.try_to_start(seen, self._imu)
+        if self._starter.bias_g is not None:
+            self._bias_g = self._starter.bias_g
         if started is None:
             reasons = ["waiting for a start"]
             reasons += [f"IMU silent for {gap_s * 1e3:.0f} ms"] if gap_s > self._settings.health.max_imu_gap_s else []

@@ -1,0 +1,114 @@
+"""Which IMU samples are doubted, and what that is worth: knocks, spikes, saturated, stuck and missing samples.
+
+A sample that jumps away from its neighbours is either a disturbance or a hit that really moved the head, and the IMU
+alone cannot tell. So it is neither trusted nor deleted: the mean goes on with what its neighbours say, the covariance
+of the motion grows by the whole jump, and the camera decides in the update.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+
+from snakeslam.messages import Float, ImuSample
+
+NEIGHBOURS = 9
+FEWEST = 5
+JUMP_ACCEL_M_S2, JUMP_RATE_RAD_S = 5.0, 1.0
+"""Least distance from the median of the samples before that is doubted."""
+JUMP_SPREADS = 5.0
+"""The same in units of the median step from sample to sample: vibration is no jump."""
+STUCK = 4
+"""So many times the same six values in succession: the sensor repeats itself."""
+SILENT_ACCEL_M_S2, SILENT_RATE_RAD_S = 2.0, 1.0
+"""What may change unseen while samples are missing or stuck."""
+MAX_SIGMA_V_M_S, MAX_SIGMA_THETA_RAD = 0.5, 0.3
+"""No hit changes a head's velocity or rotation by more between two frames."""
+
+
+@dataclass(frozen=True, slots=True)
+class SampleDoubt:
+    """What one sample may be wrong by: ``rate_rad_s`` and ``accel_m_s2`` (norms), and which of the faults it is."""
+
+    rate_rad_s: float
+    accel_m_s2: float
+    stuck: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class MotionDoubt:
+    """One sigma of what a span of the IMU may be wrong by beyond its noise, and the words that say why.
+
+    ``v_m_s`` and ``theta_rad`` are per axis; ``lag_s`` is how long before the end of the span it happened (mean).
+    """
+
+    v_m_s: float
+    theta_rad: float
+    lag_s: float
+    words: tuple[str, ...]
+
+    @property
+    def variance_v(self) -> float:
+        """Of the velocity, with what a wrong rotation turns gravity by in the meantime, (m/s)^2."""
+        return self.v_m_s**2 + (9.81 * self.theta_rad * self.lag_s) ** 2
+
+
+class SampleJudge:
+    """Compares each sample with those before it."""
+
+    def __init__(self) -> None:
+        self._before: deque[ImuSample] = deque(maxlen=NEIGHBOURS)
+        self._repeats = 0
+
+    def judge(self, sample: ImuSample) -> tuple[ImuSample, SampleDoubt | None]:
+        """Return the sample to integrate and its doubt: the same and None where nothing is wrong with it."""
+        last = self._before[-1] if self._before else None
+        same = last is not None and bool(
+            np.array_equal(last.gyro_I, sample.gyro_I) and np.array_equal(last.accel_I, sample.accel_I)
+        )
+        self._repeats = self._repeats + 1 if same else 0
+        before = list(self._before)
+        self._before.append(sample)
+        if self._repeats >= STUCK:
+            return sample, SampleDoubt(SILENT_RATE_RAD_S, SILENT_ACCEL_M_S2, stuck=True)
+        if len(before) < FEWEST:
+            return sample, None
+        gyro, rate = _jump(np.array([s.gyro_I for s in before]), sample.gyro_I, JUMP_RATE_RAD_S)
+        accel, force = _jump(np.array([s.accel_I for s in before]), sample.accel_I, JUMP_ACCEL_M_S2)
+        if rate == 0.0 and force == 0.0:
+            return sample, None
+        return ImuSample(sample.t_ns, gyro, accel), SampleDoubt(rate, force)
+
+    def clear(self) -> None:
+        """Forget the samples before."""
+        self._before.clear()
+        self._repeats = 0
+
+
+def _jump(before: Float, value: Float, least: float) -> tuple[Float, float]:
+    """Return the value and 0, or the median of those ``before`` (n, 3) and how far the value jumps away from it."""
+    usual = np.median(before, axis=0)
+    distance = float(np.linalg.norm(value - usual))
+    if distance <= least:
+        return value, 0.0
+    step = float(np.median(np.linalg.norm(np.diff(before, axis=0), axis=1)))
+    return (usual, distance) if distance > JUMP_SPREADS * step else (value, 0.0)
+
+
+def motion_doubt(
+    doubts: list[tuple[int, SampleDoubt]], start_ns: int, end_ns: int, period_s: float
+) -> MotionDoubt | None:
+    """Return what doubted samples (time, doubt) make of the motion between two times, None without any.
+
+    A sample is wrong for one period, and the errors of neighbours add up: v = sum |da| dt, theta = sum |dw| dt.
+    """
+    inside = [(t_ns, doubt) for t_ns, doubt in doubts if start_ns < t_ns <= end_ns + round(period_s * 1e9)]
+    if not inside:
+        return None
+    v = period_s * sum(doubt.accel_m_s2 for _, doubt in inside)
+    theta = period_s * sum(doubt.rate_rad_s for _, doubt in inside)
+    lag_s = float(np.mean([max(0.0, (end_ns - t_ns) * 1e-9) for t_ns, _ in inside]))
+    stuck = sum(doubt.stuck for _, doubt in inside)
+    words = (f"{len(inside) - stuck} IMU samples jump",) if stuck < len(inside) else ()
+    words += (f"{stuck} IMU samples repeat the one before",) if stuck else ()
+    return MotionDoubt(min(v, MAX_SIGMA_V_M_S), min(theta, MAX_SIGMA_THETA_RAD), lag_s, words)

@@ -145,9 +145,9 @@ class SimulatedFrontend:
         self._ids = np.empty(0, np.int64)
         self._next = 0
 
-    def process(self, frame: CameraFrame, T_C1C0: Float) -> FrontendFrame:
+    def process(self, frame: CameraFrame, T_C1C0: Float, doubted: bool = False) -> FrontendFrame:
         """Return noisy observations of what is in view."""
-        del T_C1C0
+        del T_C1C0, doubted
         t_s = (frame.t_ns - self._late_ns) / 1e9
         p_C, xy = self._seen_at(np.array([t_s]))
         if self._readout_s:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from snakeslam.estimation.anchors import Anchors
 from snakeslam.estimation.camera import PinholeCamera
 from snakeslam.estimation.depth_sampling import sample_depth
-from snakeslam.estimation.motion_ransac import agreeing_motions
+from snakeslam.estimation.motion_ransac import agreeing_motions, rigid_motions
 from snakeslam.estimation.settings import FrontendSettings
 from snakeslam.estimation.tracks import among
 from snakeslam.geometry import so3
@@ -18,6 +18,8 @@ from snakeslam.messages import CameraFrame, Float
 BORDER_PX = 8
 KLT_EPSILON_PX = 0.02
 KLT_STEPS = 20
+MORE_LEVELS = 2
+"""Of the pyramid, where the predicted motion is doubted: four times as far."""
 ENOUGH_CORNERS = 4
 FEW_MISSING = 0.05
 MIN_EIGENVALUE = 3e-3
@@ -68,10 +70,11 @@ class Frontend:
         self._anchors = Anchors()
         self._R_CF = np.eye(3)
 
-    def process(self, frame: CameraFrame, T_C1C0: Float) -> FrontendFrame:
+    def process(self, frame: CameraFrame, T_C1C0: Float, doubted: bool = False) -> FrontendFrame:
         """Follow the features of the frame before into ``frame``, given about how the camera has moved, and find more.
 
-        ``T_C1C0`` (4, 4): its turn is taken as known, its translation only says where to look.
+        ``T_C1C0`` (4, 4): its turn is taken as known, its translation only says where to look. Where the turn is
+        ``doubted``, features are sought farther away, and those agree that move as one rigid scene, whatever the turn.
         """
         if self._gray is not None and np.array_equal(self._gray, frame.gray):
             return self._frame((self._px[:0], self._ids[:0]), 0.0, len(self._px), frozen=True)
@@ -81,8 +84,8 @@ class Frontend:
         moved = np.ones(0, bool)
         disparity: float | None = None
         if self._gray is not None and len(self._px):
-            px0, self._px, self._ids = self._follow(self._gray, frame.gray, T_C1C0)
-            moved, disparity = self._agreeing(px0, T_C1C0[:3, :3])
+            px0, self._px, self._ids = self._follow(self._gray, frame.gray, T_C1C0, doubted)
+            moved, disparity = self._agreeing(px0, None if doubted else T_C1C0[:3, :3])
         self._gray = frame.gray
         rejected = self._px[~moved], self._ids[~moved]
         self._px, self._ids = self._px[moved], self._ids[moved]
@@ -122,7 +125,7 @@ class Frontend:
             self._px, self._ids, self._depth_m = self._px[keep], self._ids[keep], self._depth_m[keep]
 
     def _follow(
-        self, before: NDArray[np.uint8], now: NDArray[np.uint8], T_C1C0: Float
+        self, before: NDArray[np.uint8], now: NDArray[np.uint8], T_C1C0: Float, doubted: bool
     ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int64]]:
         """Return where features were, where they are, and their ids; those that KLT loses are left out.
 
@@ -137,7 +140,7 @@ class Frontend:
             px0.reshape(-1, 1, 2),
             start.reshape(-1, 1, 2).copy(),
             winSize=(self._settings.klt_window_px, self._settings.klt_window_px),
-            maxLevel=self._settings.klt_levels,
+            maxLevel=self._settings.klt_levels + (MORE_LEVELS if doubted else 0),
             criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, KLT_STEPS, KLT_EPSILON_PX),
             flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
             minEigThreshold=MIN_EIGENVALUE,
@@ -173,10 +176,12 @@ class Frontend:
         out[ahead] = self._camera.project(rays[ahead]).astype(np.float32)
         return np.where(self._inside(out)[:, None], out, self._px)
 
-    def _agreeing(self, px0: NDArray[np.float32], R_C1C0: Float) -> tuple[NDArray[np.bool_], float | None]:
-        """Return which features, before at ``px0``, move as one, and how far without the turn in px."""
+    def _agreeing(self, px0: NDArray[np.float32], R_C1C0: Float | None) -> tuple[NDArray[np.bool_], float | None]:
+        """Return which features, before at ``px0``, move as one; and how far in px without the turn, if known."""
         limit, focal_px = self._settings.ransac_threshold_px, self._camera.focal_px
         before, now = self._camera.normalise(px0), self._camera.normalise(self._px)
+        if R_C1C0 is None:
+            return rigid_motions(before, now, limit / focal_px), None
         good, moved = agreeing_motions(before, now, R_C1C0, limit / focal_px, self._rng)
         return good, None if moved is None else moved * focal_px
 

@@ -33,6 +33,8 @@ class Evidence:
     bad_samples: int
     gait_holds: bool = False
     gait_faults: tuple[str, ...] = ()
+    imu_doubts: tuple[str, ...] = ()
+    """Which samples of the IMU are doubted since the frame before, in words."""
 
 
 def supports(evidence: Evidence, settings: HealthSettings) -> bool:
@@ -86,6 +88,7 @@ def _reasons(evidence: Evidence, settings: HealthSettings) -> tuple[str, ...]:
     reckons = evidence.gait_holds and not supports(evidence, settings)
     return (
         *(words for holds, words in said if holds),
+        *evidence.imu_doubts,
         *evidence.gait_faults,
         *(("dead reckoning on IMU and gait",) if reckons else ()),
     )

@@ -1,5 +1,9 @@
-"""Which features move as one: a RANSAC that knows the camera's turn, so that two fix the direction of travel."""
+"""Which features move as one: a RANSAC that knows the camera's turn, so that two fix the direction of travel.
 
+Where the gyro cannot be trusted, one that finds the turn as well.
+"""
+
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -37,6 +41,19 @@ def agreeing_motions(
     # A feature that moved less than the limit fits any direction.
     good = _most_agreeing(t, normals, turned, limit, moved < limit)
     return good, median(moved[good]) if good.any() else None
+
+
+def rigid_motions(xy0: Float, xy1: Float, limit: float) -> NDArray[np.bool_]:
+    """Return which motions (N,) agree with one essential matrix: a rigid scene, the camera's turn not known [Nister04].
+
+    ``xy0``, ``xy1`` (N, 2) are normalised, as ``limit`` is: how far a feature may be from its epipolar line.
+    """
+    if len(xy0) < FEWEST:
+        return np.ones(len(xy0), bool)
+    _, inliers = cv2.findEssentialMat(xy0, xy1, np.eye(3), method=cv2.RANSAC, prob=0.999, threshold=limit)
+    if inliers is None:
+        return np.ones(len(xy0), bool)
+    return np.asarray(inliers).ravel().astype(bool)
 
 
 def _cross_with_picture(a: Float, xy: Float) -> Float:

@@ -12,6 +12,7 @@ from itertools import pairwise
 import numpy as np
 
 from snakeslam.calibration import ImuCalibration
+from snakeslam.estimation.imu_doubt import MotionDoubt, SampleDoubt, SampleJudge, motion_doubt
 from snakeslam.geometry import so3
 from snakeslam.messages import Float, ImuSample
 
@@ -174,6 +175,9 @@ class ImuBuffer:
         self._last_ns: int | None = None
         self._bad = 0
         self._cut: tuple[int, int, ImuSegments] | None = None
+        self._judge = SampleJudge()
+        self._doubts: list[tuple[int, SampleDoubt]] = []
+        self._period_s = 1.0 / calibration.update_rate
 
     def add(self, sample: ImuSample) -> None:
         """Take the next sample; one that is late or not possible is only counted."""
@@ -182,8 +186,15 @@ class ImuBuffer:
             self._bad += 1
             return
         self._last_ns = sample.t_ns
+        sample, doubt = self._judge.judge(sample)
+        if doubt is not None:
+            self._doubts.append((sample.t_ns, doubt))
         self._samples.append(sample)
         self._cut = None
+
+    def doubt(self, start_ns: int, end_ns: int) -> MotionDoubt | None:
+        """Return what doubted samples may make wrong between two times, None without any."""
+        return motion_doubt(self._doubts, start_ns, end_ns, self._period_s)
 
     def take_bad_count(self) -> int:
         """Return how many samples were refused since the last call."""
@@ -194,11 +205,14 @@ class ImuBuffer:
         """Drop what no span after ``t_ns`` needs."""
         keep = bisect_right(self._samples, t_ns, key=_time)
         del self._samples[: max(0, keep - 1)]
+        self._doubts = [(at_ns, doubt) for at_ns, doubt in self._doubts if at_ns > t_ns]
         self._cut = None
 
     def clear(self) -> None:
         """Forget all, the time of the last sample too."""
         self._samples.clear()
+        self._doubts.clear()
+        self._judge.clear()
         self._last_ns = self._cut = None
 
     def ahead_s(self, t_ns: int) -> float:

@@ -11,13 +11,14 @@ from snakeslam.estimation.frontend import FrontendFrame
 from snakeslam.estimation.gait_rows import Carried, GaitRows, GaitWay
 from snakeslam.estimation.gating import Innovation
 from snakeslam.estimation.ieskf import Measurement, update
+from snakeslam.estimation.imu_doubt import SILENT_ACCEL_M_S2, SILENT_RATE_RAD_S, MotionDoubt
 from snakeslam.estimation.measurements import CameraRows, Observations
 from snakeslam.estimation.preintegration import ImuSegments, preintegrate
 from snakeslam.estimation.relocalisation import Place
 from snakeslam.estimation.self_calibration import RATE_SPAN_S, free_mount, motion_by_time, motion_of_rows
 from snakeslam.estimation.settings import EstimatorSettings
 from snakeslam.estimation.sightings import Sightings
-from snakeslam.estimation.state import BIAS_G, THETA, State, V
+from snakeslam.estimation.state import BIAS_G, State, V
 from snakeslam.estimation.stillness import AtRest, Rest
 from snakeslam.estimation.tracks import TrackTable, among
 from snakeslam.geometry.median import median
@@ -27,8 +28,6 @@ MAX_REJECTIONS = 2
 MIN_TRACK = 3
 ENOUGH_WITH_DEPTH = 20
 """So many tracks with depth, and the window counts as one with depth."""
-GAP_ACCEL_M_S2 = 2.0
-GAP_RATE_RAD_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,24 +81,27 @@ class SlidingWindow:
         self._model = model
         self._tracks = TrackTable()
         self._rate: tuple[Float, float] | None = None
+        self._doubted = False
         freed = free_mount(model.cam0, settings.calibration)
         if freed is not None:
             state.free_mount(*freed)
 
-    def propagate(self, span: ImuSegments | None, t_ns: int, gap_s: float) -> None:
-        """Move to ``t_ns`` by the IMU; where that was silent for ``gap_s``, the state is less certain."""
+    def propagate(self, span: ImuSegments | None, t_ns: int, gap_s: float, doubt: MotionDoubt | None = None) -> None:
+        """Move to ``t_ns`` by the IMU; less certain where that was silent for ``gap_s`` or is doubted."""
         if span is None:
             return
         state, model = self.state, self._model
         self._rate = span.last_rate(RATE_SPAN_S, model.noise)
         state.propagate(preintegrate(span, state.bias_g, state.bias_a, model.noise), t_ns, model.gravity_W)
+        self._doubted = doubt is not None or gap_s > self._settings.health.max_imu_gap_s
+        if doubt is not None:
+            state.widen_motion(doubt.theta_rad**2, doubt.variance_v, doubt.lag_s)
         if gap_s > self._settings.health.max_imu_gap_s:
             blind_s = min(gap_s, float(span.dt_s.sum()))
-            state.widen(THETA, (GAP_RATE_RAD_S * blind_s) ** 2)
-            state.widen(V, (GAP_ACCEL_M_S2 * blind_s) ** 2)
+            state.widen_motion((SILENT_RATE_RAD_S * blind_s) ** 2, (SILENT_ACCEL_M_S2 * blind_s) ** 2, 0.5 * blind_s)
 
     def vibrate(self, spread_m_s2: float, since_ns: int) -> None:
-        """Widen the velocity by a vibration that the IMU's noise model leaves out, of such a spread, for such a time."""
+        """Widen the velocity by a vibration of this spread, which the noise model leaves out, for ``since_ns``."""
         variance = spread_m_s2**2 / self._model.noise.update_rate * since_ns * 1e-9
         if variance > 0.0:
             self.state.widen(V, variance)
@@ -117,6 +119,9 @@ class SlidingWindow:
         lost = ~among(tracks.ids, frame.ids)
         leaving = self._leaving_clone()
         ripe = self._ripe(~lost, leaving == 0)
+        if self._doubted:
+            # What the camera has seen decides now on what the IMU cannot be trusted with.
+            ripe |= ~lost & (tracks.lengths >= MIN_TRACK)
         chosen = (lost & (tracks.lengths >= MIN_TRACK)) | ripe
         features, tried = self._features(chosen)
         measurements: list[Measurement] = [m for m in (features, sightings) if len(m)]

@@ -1,6 +1,6 @@
 """When the filter starts: from rest, or from motion once there is enough of it.
 
-Both need what they integrate over: frames count from where IMU samples cover the time up to the newest one without a gap.
+Both integrate over the IMU: only frames count since which samples cover the time up to the newest one without a gap.
 """
 
 from dataclasses import dataclass
@@ -74,7 +74,7 @@ class Starter:
         self._history = kept
 
     def _watch_image(self, imu: ImuBuffer) -> None:
-        """Find since when the image has not moved, as it is seen: nothing that depends on the gyro is removed from it."""
+        """Find since when the image has not moved, as it is seen: no rotation by the gyro is removed from it."""
         self.bias_g = None
         if len(self._history) < 2:
             self._still_since = 0

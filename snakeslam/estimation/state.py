@@ -134,6 +134,15 @@ class State:
         """Add variance to a part of the IMU's error, for what the model leaves out."""
         self.cov[rows, rows] += np.eye(rows.stop - rows.start) * variance
 
+    def widen_motion(self, variance_theta: float, variance_v: float, lag_s: float) -> None:
+        """Add an error of rotation and velocity that arose ``lag_s`` ago: the position has drifted with it since."""
+        eye = np.eye(3)
+        self.cov[THETA, THETA] += eye * variance_theta
+        self.cov[V, V] += eye * variance_v
+        self.cov[P, P] += eye * (variance_v * lag_s**2)
+        self.cov[P, V] += eye * (variance_v * lag_s)
+        self.cov[V, P] += eye * (variance_v * lag_s)
+
     def widen_landmarks(self, variance: Float) -> None:
         """Add the same variance to all axes of each landmark, (L,) m^2: its track wanders over the surface."""
         rows = np.arange(self.window.stop, self.size)

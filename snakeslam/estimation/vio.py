@@ -6,7 +6,7 @@ For each frame: propagate by the pre-integrated IMU, follow features, clone the 
 or was lost and with the landmarks in view, shrink the window, judge.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -21,6 +21,7 @@ from snakeslam.estimation.gait_aid import GaitAid
 from snakeslam.estimation.gait_rows import GaitWay
 from snakeslam.estimation.gating import Agreement
 from snakeslam.estimation.health import NEW_MAP, TIED, Evidence, judge, supports
+from snakeslam.estimation.imu_doubt import MotionDoubt
 from snakeslam.estimation.preintegration import ImuBuffer
 from snakeslam.estimation.published import frame_estimate
 from snakeslam.estimation.relocalisation import Relocaliser
@@ -44,13 +45,22 @@ MAX_SIGMA_RECKONED_M = 0.3
 class FeatureSource(Protocol):
     """What follows features: the front-end, or a simulation of one."""
 
-    def process(self, frame: CameraFrame, T_C1C0: Float) -> FrontendFrame:
-        """Return the features of ``frame``, given about how the camera has moved since the frame before."""
+    def process(self, frame: CameraFrame, T_C1C0: Float, doubted: bool = False) -> FrontendFrame:
+        """Return the features of ``frame``, given about how the camera has moved since, which may be ``doubted``."""
         ...
 
     def drop(self, ids: NDArray[np.int64]) -> None:
         """Follow these no longer."""
         ...
+
+
+@dataclass(frozen=True, slots=True)
+class _Inputs:
+    """The frame before, and what was wrong with the IMU since: the longest gap, doubted samples."""
+
+    last_ns: int | None
+    gap_s: float
+    doubt: MotionDoubt | None
 
 
 class VisualInertialOdometry:
@@ -114,15 +124,17 @@ class VisualInertialOdometry:
             return frame_estimate(frame, None, None, health)
         self._back_ns.clear()
         gap_s = self._imu.longest_gap_s(last_ns, t_ns) if last_ns is not None else 0.0
+        doubt = self._imu.doubt(last_ns, t_ns) if last_ns is not None else None
         if self._filter is not None:
-            self._filter.propagate(self._imu.segments(self._filter.state.t_ns, t_ns), t_ns, gap_s)
-        seen = Seen(t_ns, self._frontend.process(frame, self._motion(t_ns)))
+            self._filter.propagate(self._imu.segments(self._filter.state.t_ns, t_ns), t_ns, gap_s, doubt)
+        doubted = doubt is not None or gap_s > self._settings.health.max_imu_gap_s
+        seen = Seen(t_ns, self._frontend.process(frame, self._motion(t_ns), doubted))
         self._last_ns = t_ns
         if not seen.features.frozen:
             self._picture_ns = t_ns
         if self._filter is None:
             return self._start(frame, seen, gap_s)
-        return self._track(frame, seen, self._filter, gap_s, last_ns)
+        return self._track(frame, seen, self._filter, _Inputs(last_ns, gap_s, doubt))
 
     @property
     def mount(self) -> tuple[Mount, Float] | None:
@@ -153,14 +165,12 @@ class VisualInertialOdometry:
 
     # -- One frame ----------------------------------------------------------------------------------------------------
 
-    def _track(
-        self, frame: CameraFrame, seen: Seen, window: SlidingWindow, gap_s: float, last_ns: int | None
-    ) -> FrameEstimate:
+    def _track(self, frame: CameraFrame, seen: Seen, window: SlidingWindow, inputs: "_Inputs") -> FrameEstimate:
         """Correct the propagated state by what is seen, and judge."""
         features, state, health = seen.features, window.state, self._settings.health
         way = self._gait.tell(state, self._imu, seen.t_ns, features.frozen) if self._gait else None
         rest = self._rest.see(seen.t_ns, features, self._imu.recent(seen.t_ns - REST_NS), state.bias_g)
-        window.vibrate(self._rest.tremor_m_s2, seen.t_ns - (last_ns or seen.t_ns))
+        window.vibrate(self._rest.tremor_m_s2, seen.t_ns - (inputs.last_ns or seen.t_ns))
         # A head held still on a crawling body looks at rest to the picture and to the IMU. In a tremor the filter's
         # own velocity does not count: it is that of the tremor.
         moves = self._moves(state, seen.t_ns)
@@ -176,7 +186,8 @@ class VisualInertialOdometry:
             blind_s=(seen.t_ns - self._supported_ns) / 1e9,
             frozen=features.frozen,
             resting=rest is not None,
-            imu_gap_s=gap_s,
+            imu_gap_s=inputs.gap_s,
+            imu_doubts=inputs.doubt.words if inputs.doubt is not None else (),
             bad_samples=self._imu.take_bad_count(),
         )
         if self._gait is not None:

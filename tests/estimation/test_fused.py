@@ -316,9 +316,9 @@ class Covered(SimulatedFrontend):
         self._between_s, self._freeze = between_s, freeze
         self._shown: FrontendFrame | None = None
 
-    def process(self, frame: CameraFrame, T_C1C0: Float) -> FrontendFrame:
+    def process(self, frame: CameraFrame, T_C1C0: Float, doubted: bool = False) -> FrontendFrame:
         if not self._between_s[0] <= frame.t_ns / 1e9 < self._between_s[1]:
-            self._shown = super().process(frame, T_C1C0)
+            self._shown = super().process(frame, T_C1C0, doubted)
             return self._shown
         if self._freeze and self._shown is not None:
             return replace(self._shown, frozen=True)

@@ -18,8 +18,8 @@ from snakeslam.geometry.median import median
 from snakeslam.messages import Float
 
 AT_REST, IN_MOTION = "initialised at rest", "initialised in motion"
-STILL_PX, TREMOR_PX = 1.0, 3.0
-"""Most that the features of a stationary camera have moved (median) over up to 0.45 s, the second with a tremor."""
+STILL_PX, TREMOR_PX = 0.3, 3.0
+"""Most that the features of a stationary camera have moved (median): in the first frames, and within 0.45 s."""
 STILL_WINDOW_NS = 450_000_000
 MIN_COMMON = 10
 MOVING_START_NS = 700_000_000

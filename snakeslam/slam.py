@@ -5,6 +5,7 @@ from snakeslam.errors import InputError
 from snakeslam.estimation.base import Estimator, FrameEstimate
 from snakeslam.estimation.gait_aid import GaitAid
 from snakeslam.estimation.planar_odometry import GaitOdometry, PlanarOdometry
+from snakeslam.estimation.plausibility import check_camera
 from snakeslam.estimation.settings import EstimatorSettings
 from snakeslam.estimation.vio import VisualInertialOdometry
 from snakeslam.estimation.visual import VisualOdometry
@@ -17,7 +18,11 @@ from snakeslam.robot.model import SnakeModel
 def build_estimator(
     settings: EstimatorSettings, rig: SensorRig, seed: int, model: SnakeModel | None = None
 ) -> Estimator:
-    """Return the estimator that ``settings.mode`` names; InputError when it needs a sensor that is not there."""
+    """Return the estimator that ``settings.mode`` names.
+
+    InputError when it needs a sensor that is not there, or when no camera can have such a calibration.
+    """
+    check_camera(rig.cam0)
     if settings.mode == "visual":
         return VisualOdometry(settings, rig, seed)
     if settings.mode == "vio":

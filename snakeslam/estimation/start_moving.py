@@ -7,7 +7,7 @@ from scipy.optimize import brentq, minimize
 
 from snakeslam.calibration import ImuCalibration
 from snakeslam.estimation.measurements import CameraRows, Observations
-from snakeslam.estimation.preintegration import ImuBuffer, Preintegrated
+from snakeslam.estimation.preintegration import ImuBuffer, ImuSegments, Preintegrated
 from snakeslam.estimation.start_refine import MIN_TRACKS, Refinement, StartWindow, started
 from snakeslam.estimation.state import State
 from snakeslam.estimation.tracks import TrackTable
@@ -23,14 +23,16 @@ def start_moving(
     rows: CameraRows,
     noise: ImuCalibration,
     gravity_m_s2: float,
+    accel_sign: float = 1.0,
 ) -> State | None:
     """Return the state at the first of ``times_ns`` from frames seen in motion, or None while they do not tell enough.
 
     The gyro's bias makes epipolar planes meet [Kneip13]; then velocity, gravity and points follow linearly from the
     rays [Martinelli14]; then all is refined together with both biases on the reprojection errors. A result is taken
-    only when its residuals, its covariance and its biases are plausible.
+    only when its residuals, its covariance and its biases are plausible. ``accel_sign`` -1 asks whether the frames fit
+    an accelerometer whose sign is reversed.
     """
-    window = _window(tracks, times_ns, imu, rows, noise, gravity_m_s2)
+    window = _window(tracks, times_ns, imu, rows, noise, gravity_m_s2, accel_sign)
     if window is None:
         return None
     try:
@@ -52,13 +54,14 @@ def _window(
     rows: CameraRows,
     noise: ImuCalibration,
     gravity_m_s2: float,
+    accel_sign: float,
 ) -> StartWindow | None:
     spans = [imu.segments(times_ns[0], t_ns) for t_ns in times_ns[1:]]
     long = tracks.lengths >= MIN_TRACK
     if long.sum() < MIN_TRACKS or any(span is None for span in spans):
         return None
     t_s = (np.array(times_ns) - times_ns[0]) / 1e9
-    kept = [span for span in spans if span is not None]
+    kept = [ImuSegments(span.gyro_I, accel_sign * span.accel_I, span.dt_s) for span in spans if span is not None]
     observed = Observations.weighed(tracks.xyz[long], tracks.seen[long], rows, tracks.smear)
     return StartWindow(t_s, kept, observed, rows, noise, gravity_m_s2)
 

@@ -8,12 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from snakeslam.estimation.frontend import FrontendFrame
-from snakeslam.estimation.preintegration import ImuBuffer
+from snakeslam.estimation.plausibility import accelerometer_fault, gyro_fault, image_rotation
+from snakeslam.estimation.preintegration import ImuBuffer, preintegrate
 from snakeslam.estimation.settings import EstimatorSettings
 from snakeslam.estimation.sliding_window import ENOUGH_WITH_DEPTH, Model, SlidingWindow
 from snakeslam.estimation.start_moving import start_moving
 from snakeslam.estimation.start_still import TREMOR_S, Stationary, start_still
 from snakeslam.estimation.tracks import TrackTable
+from snakeslam.geometry import so3
 from snakeslam.geometry.median import median
 from snakeslam.messages import Float
 
@@ -26,6 +28,8 @@ MOVING_START_NS = 700_000_000
 MOVING_START_DEPTH_NS = 300_000_000
 """With depth the way need not be long enough to see points from two sides."""
 MOVING_MEMORY_NS = 1_500_000_000
+DOUBTS_AFTER_FRAMES, FRAMES_PER_DOUBT = 10, 5
+"""After so many frames in which a start in motion has failed, units and axes are judged, every so many frames."""
 MISSED_SAMPLES = 3.0
 """So many sample periods without a sample are a gap, where that is longer than the settings' limit."""
 
@@ -50,6 +54,14 @@ class Starter:
         """Index into the history: since that frame the image has not moved."""
         self.bias_g: Float | None = None
         """Mean gyro rate since the frame before, (3,) rad/s, where the image did not move: about the gyro's bias."""
+        self.fault: str | None = None
+        """What of the IMU or the extrinsics contradicts the image or gravity, in words."""
+        self._waited_frames = 0
+
+    @property
+    def waits_long(self) -> bool:
+        """Whether the start has failed for long: something may be wrong, and the gyro is no longer relied on."""
+        return self._waited_frames > DOUBTS_AFTER_FRAMES
 
     def try_to_start(self, seen: Seen, imu: ImuBuffer) -> tuple[SlidingWindow, str] | None:
         """Return a filter at the frame before its correction (from rest) or after it (from motion), and how."""
@@ -66,7 +78,50 @@ class Starter:
             return None
         imu.forget_before(self._history[0].t_ns - STILL_WINDOW_NS)
         self._watch_image(imu)
+        if self._is_wrong(seen, imu):
+            return None
         return self._from_rest(seen, imu) or self._from_motion(seen, imu)
+
+    def _is_wrong(self, seen: Seen, imu: ImuBuffer) -> bool:
+        """Judge units, signs and axes; return whether there can be no start with them."""
+        fault = accelerometer_fault(imu.recent(self._history[0].t_ns), self._settings.gravity_m_s2)
+        self._waited_frames += seen.t_ns - self._history[0].t_ns >= MOVING_START_NS
+        if fault is not None:
+            self.fault = fault
+        elif self._waited_frames > DOUBTS_AFTER_FRAMES and self._waited_frames % FRAMES_PER_DOUBT == 0:
+            self.fault = self._gyro_fault(imu) or self._sign_fault(imu)
+        elif self._waited_frames <= DOUBTS_AFTER_FRAMES:
+            self.fault = None
+        return fault is not None
+
+    def _gyro_fault(self, imu: ImuBuffer) -> str | None:
+        """Compare the gyro's rotation with the image's, over spans of the history."""
+        R_CI, history = self._model.rows.R_IC.T, self._history
+        stride = max(1, len(history) // 6)
+        by_image: list[Float] = []
+        by_gyro: list[Float] = []
+        spans_s: list[float] = []
+        for before, now in zip(history[::stride], history[stride::stride], strict=False):
+            a, b = before.features, now.features
+            _, then, at = np.intersect1d(a.ids, b.ids, assume_unique=True, return_indices=True)
+            turned = image_rotation(a.xy[then], b.xy[at])
+            span = imu.segments(before.t_ns, now.t_ns)
+            if turned is None or span is None:
+                continue
+            R_I0I1 = preintegrate(span, np.zeros(3), np.zeros(3), self._model.noise).gamma
+            by_image.append(turned)
+            by_gyro.append(R_CI @ so3.log(R_I0I1))
+            spans_s.append(float(span.dt_s.sum()))
+        if not spans_s:
+            return None
+        return gyro_fault(np.array(by_image), np.array(by_gyro), R_CI, float(np.mean(spans_s)))
+
+    def _sign_fault(self, imu: ImuBuffer) -> str | None:
+        """Try the start in motion with the accelerometer's sign reversed."""
+        model, times = self._model, [past.t_ns for past in self._history]
+        gravity = self._settings.gravity_m_s2
+        state = start_moving(self._table(), times, imu, model.rows, model.noise, gravity, accel_sign=-1.0)
+        return None if state is None else "the image moves against the accelerometer: is its sign reversed?"
 
     def _forget_before(self, t_ns: int) -> None:
         kept = [s for s in self._history if s.t_ns >= t_ns]

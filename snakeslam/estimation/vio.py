@@ -127,7 +127,8 @@ class VisualInertialOdometry:
         doubt = self._imu.doubt(last_ns, t_ns) if last_ns is not None else None
         if self._filter is not None:
             self._filter.propagate(self._imu.segments(self._filter.state.t_ns, t_ns), t_ns, gap_s, doubt)
-        doubted = doubt is not None or gap_s > self._settings.health.max_imu_gap_s
+        waits = self._filter is None and self._starter.waits_long
+        doubted = waits or doubt is not None or gap_s > self._settings.health.max_imu_gap_s
         seen = Seen(t_ns, self._frontend.process(frame, self._motion(t_ns), doubted))
         self._last_ns = t_ns
         if not seen.features.frozen:
@@ -267,6 +268,7 @@ class VisualInertialOdometry:
             self._bias_g = self._starter.bias_g
         if started is None:
             reasons = ["waiting for a start"]
+            reasons += [self._starter.fault] if self._starter.fault is not None else []
             reasons += [f"IMU silent for {gap_s * 1e3:.0f} ms"] if gap_s > self._settings.health.max_imu_gap_s else []
             reasons += [f"{bad} IMU samples were late, not numbers or not possible"] if bad else []
             return frame_estimate(frame, seen, None, Health(Verdict.INITIALISING, tuple(reasons)))
@@ -301,7 +303,8 @@ class VisualInertialOdometry:
             state = self._filter.state
             last = se3.from_rt(state.clones.R_WI[-1], state.clones.p_WI[-1])
             return se3.inv(state.T_WI @ T_IC) @ last @ T_IC
-        span = self._imu.segments(self._picture_ns, t_ns) if self._picture_ns is not None else None
+        trusted = self._picture_ns is not None and not self._starter.waits_long
+        span = self._imu.segments(self._picture_ns, t_ns) if trusted and self._picture_ns is not None else None
         if span is None:
             return self._foreseen_roll(t_ns)
         R_I0I1 = np.eye(3)

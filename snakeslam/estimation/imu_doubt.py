@@ -59,23 +59,29 @@ class SampleJudge:
     def __init__(self) -> None:
         self._before: deque[ImuSample] = deque(maxlen=NEIGHBOURS)
         self._repeats = 0
+        self._jumped = False
 
     def judge(self, sample: ImuSample) -> tuple[ImuSample, SampleDoubt | None]:
         """Return the sample to integrate and its doubt: the same and None where nothing is wrong with it."""
-        last = self._before[-1] if self._before else None
-        same = last is not None and bool(
-            np.array_equal(last.gyro_I, sample.gyro_I) and np.array_equal(last.accel_I, sample.accel_I)
-        )
-        self._repeats = self._repeats + 1 if same else 0
+        if not self._before:
+            self._before.append(sample)
+            return sample, None
+        last = self._before[-1]
+        d_gyro, d_accel = sample.gyro_I - last.gyro_I, sample.accel_I - last.accel_I
+        self._repeats = 0 if d_gyro.any() or d_accel.any() else self._repeats + 1
         before = list(self._before)
         self._before.append(sample)
         if self._repeats >= STUCK:
             return sample, SampleDoubt(SILENT_RATE_RAD_S, SILENT_ACCEL_M_S2, stuck=True)
+        if not self._jumped and d_gyro @ d_gyro < JUMP_RATE_RAD_S**2 and d_accel @ d_accel < JUMP_ACCEL_M_S2**2:
+            # What is near a sample that is not doubted is no jump: almost all samples end here.
+            return sample, None
         if len(before) < FEWEST:
             return sample, None
         gyro, rate = _jump(np.array([s.gyro_I for s in before]), sample.gyro_I, JUMP_RATE_RAD_S)
         accel, force = _jump(np.array([s.accel_I for s in before]), sample.accel_I, JUMP_ACCEL_M_S2)
-        if rate == 0.0 and force == 0.0:
+        self._jumped = rate > 0.0 or force > 0.0
+        if not self._jumped:
             return sample, None
         return ImuSample(sample.t_ns, gyro, accel), SampleDoubt(rate, force)
 
@@ -83,6 +89,7 @@ class SampleJudge:
         """Forget the samples before."""
         self._before.clear()
         self._repeats = 0
+        self._jumped = False
 
 
 def _jump(before: Float, value: Float, least: float) -> tuple[Float, float]:

@@ -93,7 +93,7 @@ class SlidingWindow:
         state, model = self.state, self._model
         self._rate = span.last_rate(RATE_SPAN_S, model.noise)
         state.propagate(preintegrate(span, state.bias_g, state.bias_a, model.noise), t_ns, model.gravity_W)
-        self._doubted = doubt is not None or gap_s > self._settings.health.max_imu_gap_s
+        self._doubted = doubt is not None
         if doubt is not None:
             state.widen_motion(doubt.theta_rad**2, doubt.variance_v, doubt.lag_s)
         if gap_s > self._settings.health.max_imu_gap_s:

@@ -51,9 +51,8 @@ def rigid_motions(xy0: Float, xy1: Float, limit: float) -> NDArray[np.bool_]:
     if len(xy0) < FEWEST:
         return np.ones(len(xy0), bool)
     _, inliers = cv2.findEssentialMat(xy0, xy1, np.eye(3), method=cv2.RANSAC, prob=0.999, threshold=limit)
-    if inliers is None:
-        return np.ones(len(xy0), bool)
-    return np.asarray(inliers).ravel().astype(bool)
+    # Without a result OpenCV returns None, whatever its types say.
+    return np.asarray(inliers).ravel().astype(bool) if np.size(inliers) == len(xy0) else np.ones(len(xy0), bool)
 
 
 def _cross_with_picture(a: Float, xy: Float) -> Float:

@@ -107,7 +107,8 @@ def image_rotation(xy0: Float, xy1: Float) -> Float | None:
     if len(xy0) < LEAST_FEATURES:
         return None
     E, inliers = cv2.findEssentialMat(xy0, xy1, np.eye(3), method=cv2.RANSAC, prob=0.999, threshold=EPIPOLAR)
-    if E is None or E.shape != (3, 3):
+    # Without a result OpenCV returns None, whatever its types say; with several, they stand below each other.
+    if np.shape(E) != (3, 3):
         return None
     _, R_C1C0, _, _ = cv2.recoverPose(E, xy0, xy1, np.eye(3), mask=inliers)
     return so3.log(np.asarray(R_C1C0, dtype=np.float64).T)

@@ -1,6 +1,7 @@
-"""The whole stack as its user has it: the served simulator with a page open in Chromium, then twenty viewers more.
+"""The whole stack as its user has it: the served simulator, a page open in Chromium, twenty viewers, floods in turn.
 
-``python -m bench page [SECONDS]``; on the machine that also runs the browser, which draws in software there.
+The E-stop is pressed under each flood. ``python -m bench page [SECONDS]``; on the machine that also runs the browser,
+which draws in software there.
 """
 
 import asyncio
@@ -11,6 +12,8 @@ import sys
 import tempfile
 import threading
 import time
+from dataclasses import dataclass, field
+from itertools import cycle
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +25,8 @@ from websockets.asyncio.client import connect
 CHECKOUT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(CHECKOUT))
 
+from bench.flooding import KINDS  # noqa: E402
+from bench.floods import Latch, Operator, flood  # noqa: E402
 from bench.live import processes, spread  # noqa: E402
 from snakeslam.runtime.bus import Bus  # noqa: E402
 from snakeslam.runtime.link import Link, unix_endpoint  # noqa: E402
@@ -29,12 +34,13 @@ from snakeslam.runtime.topics import ROBOT_STATE, SENSORS, RobotState  # noqa: E
 from snakeslam.runtime.wire import Sensors  # noqa: E402
 from tests.e2e.chromium import chromium_path, open_chromium  # noqa: E402
 from tests.e2e.conftest import start_dashboard, stop_dashboard, wait_until_running  # noqa: E402
-from tests.server.running import TOKEN, Running  # noqa: E402
+from tests.server.running import TOKEN, VIEWER_TOKEN, Running  # noqa: E402
 
 SECONDS = 60.0
 SETTLE_S = 10.0
-CHUNK_S, LEASE_S = 10.0, 60
-VIEWERS, WATCHED_S = 20, 20.0
+CHUNK_S, LONG_CHUNK_S, LEASE_S = 10.0, 60.0, 300
+VIEWERS = 20
+MEMORIES = 6
 COMMANDS = 60
 SIZE = {"width": 1440, "height": 900}
 Row = tuple[str, str, str]
@@ -137,8 +143,8 @@ async def watch(url: str, stalled: bool, seconds: float) -> np.ndarray:
     return np.diff(times) * 1e3
 
 
-async def viewers(url: str) -> list[np.ndarray]:
-    watching = [watch(url, k == 0, WATCHED_S) for k in range(VIEWERS)]
+async def viewers(url: str, seconds: float) -> list[np.ndarray]:
+    watching = [watch(url, k == 0, seconds) for k in range(VIEWERS)]
     return (await asyncio.gather(*watching))[1:]
 
 
@@ -161,36 +167,54 @@ def goes_on(server: Running, key: str) -> str:
         return "" if state["moving"] else str(state["held_because"])
 
 
-def with_page(server: Running, page: Any, steps: Steps, seconds: float) -> list[Row]:
+@dataclass
+class Measured:
+    """What was noted while the page was open."""
+
+    held: list[str] = field(default_factory=list)
+    presses: list[tuple[float, float]] = field(default_factory=list)
+    memories_mb: list[float] = field(default_factory=list)
+
+
+def under_floods(server: Running, page: Any, operator: Operator, seconds: float) -> Measured:
+    """Let the robot go on under one flood after the other; press at each one's end, and start again."""
+    measured, kinds = Measured(memories_mb=[memory_mb(server)]), cycle(KINDS)
+    chunk_s = min(LONG_CHUNK_S, max(CHUNK_S, seconds / len(KINDS)))
+    until = time.monotonic() + seconds
+    while time.monotonic() < until:
+        kind = next(kinds)
+        with flood(server, kind):
+            page.wait_for_timeout(chunk_s * 1e3)
+            why = goes_on(server, operator.key)
+            measured.held += [f"{kind}: {why}"] if why and kind != "estop" else []
+            measured.presses.append(operator.press())
+        operator.release()
+        measured.memories_mb.append(memory_mb(server))
+    return measured
+
+
+def with_page(server: Running, page: Any, steps: Steps, latch: Latch, seconds: float) -> list[Row]:
     key = crawl(server)
     page.wait_for_timeout(SETTLE_S * 1e3)
-    started, mb, held = time.monotonic(), memory_mb(server), []
     page.evaluate(TAKE)
     steps.take()
-    while time.monotonic() - started < seconds:
-        page.wait_for_timeout(CHUNK_S * 1e3)
-        held.append(goes_on(server, key))
+    with server.client() as client:
+        measured = under_floods(server, page, Operator(client, latch, key=key), seconds)
     taken, drawn = steps.take(), page.evaluate(TAKE)
     pace = (taken[-1, 0] - taken[0, 0]) / (taken[-1, 1] - taken[0, 1]) * 1e3
     commands_ms = np.array(page.evaluate(DRIVE, [key, COMMANDS]))
-    after_mb = memory_mb(server)
+    latched_ms, answered_ms = np.array(measured.presses).T
+    known_ms = latched_ms[np.isfinite(latched_ms)]
+    memories_mb = measured.memories_mb[:: max(1, len(measured.memories_mb) // MEMORIES)]
     return [
         ("pace against real time", f"{pace:.4f}", "1.0"),
-        ("held, for", "; ".join(filter(None, held)) or "nothing", "nothing"),
+        ("held, under which flood", "; ".join(measured.held) or "never", "never"),
         ("control period, p50 and p99, ms", spread(np.diff(taken[:, 1]), 99), "13"),
+        (f"E-stop until latched, n = {len(known_ms)}, p50 and p95, ms", spread(known_ms, 95), "20"),
+        (f"E-stop until answered, n = {len(answered_ms)}, p50 and p95, ms", spread(answered_ms, 95), "20"),
         ("command in the browser until obeyed, p50 and p95, ms", spread(commands_ms, 95), "50"),
         ("camera to page, drawn, p50 and p95, ms", spread(delays_ms(drawn, taken), 95), "150"),
-        ("server and nodes: memory, growth meanwhile, MB", f"{after_mb:.0f}, {after_mb - mb:+.0f}", "1500"),
-    ]
-
-
-def with_viewers(server: Running, steps: Steps) -> list[Row]:
-    steps.take()
-    gaps = asyncio.run(viewers(server.websocket))
-    worst = max(float(np.percentile(g, 99)) for g in gaps)
-    return [
-        (f"{VIEWERS} viewers, one stalled: worst p99 gap between ticks, ms", f"{worst:.0f}", "150"),
-        ("control period meanwhile, p50 and p99, ms", spread(np.diff(steps.take()[:, 1]), 99), "13"),
+        ("server and nodes: memory over time, MB", " ".join(f"{mb:.0f}" for mb in memories_mb), "1500, flat"),
     ]
 
 
@@ -201,7 +225,7 @@ def rows(seconds: float) -> list[Row]:
         sys.exit("no Chromium: install it or point CHROMIUM at one")
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        os.environ["TMPDIR"] = name
+        os.environ.update({"TMPDIR": name, "SNAKESLAM_VIEWER_TOKEN": VIEWER_TOKEN})
         server, url = start_dashboard(folder)
         try:
             wait_until_running(server)
@@ -210,11 +234,18 @@ def rows(seconds: float) -> list[Row]:
                 page = browser.new_page(viewport=SIZE)
                 page.add_init_script(OVERHEAR)
                 page.goto(url)
-                table = with_page(server, page, steps, seconds)
-            # Playwright's own loop runs in this thread as long as it is open.
-            thread = threading.Thread(target=lambda: table.extend(with_viewers(server, steps)))
-            thread.start()
-            thread.join()
+                gaps: list[np.ndarray] = []
+                lasting_s = seconds + SETTLE_S
+                watching = threading.Thread(
+                    target=lambda: gaps.extend(asyncio.run(viewers(server.websocket, lasting_s))), daemon=True
+                )
+                watching.start()
+                latch = Latch(folder)
+                table = with_page(server, page, steps, latch, seconds)
+                latch.bus.close()
+            watching.join()
+            worst = max(float(np.percentile(gap, 99)) for gap in gaps)
+            table.append((f"{VIEWERS} viewers, one stalled: worst p99 gap between ticks, ms", f"{worst:.0f}", "150"))
             steps.close()
             return table
         finally:

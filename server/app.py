@@ -9,12 +9,13 @@ from importlib.metadata import version
 from pathlib import Path
 from time import monotonic
 
-from fastapi import APIRouter, FastAPI
+from fastapi import APIRouter, FastAPI, Request
 from starlette.responses import HTMLResponse, JSONResponse, Response
 from starlette.staticfiles import StaticFiles
+from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
 from server import docs, problem
-from server.auth import Auth, HostRule, login_response
+from server.auth import Auth, HostRule, checked_proxies, login_response, tokens_by_role
 from server.bulk import Bulk, Made
 from server.deps import House, Rooms
 from server.guard import Guard
@@ -28,6 +29,8 @@ from server.observe import Observe
 from server.recordings import Library
 from server.routes import PREFIX, control, estop, gait, head, map, recordings, runs, session, state  # noqa: A004
 from server.runs import Runs
+from server.sessions import Sessions, state_folder
+from server.sockets import Sockets
 from server.telemetry import Telemetry
 from server.teleop import Teleop
 from server.viewer import Viewer
@@ -60,28 +63,33 @@ class ServerSettings:
 
 def create_app(settings: ServerSettings, announce: Callable[[str], None]) -> FastAPI:
     """Return the application; ``announce`` gets the next one-time code after each use of one."""
-    auth = Auth(settings.token, announce, settings.viewer_token)
-    metrics = Metrics()
+    config = settings.spec.config.server
+    tokens = tokens_by_role(settings.token, settings.viewer_token)
+    sessions = Sessions(tokens, state_folder(config.state_dir), config.session_hours * 3600.0)
+    auth = Auth(settings.token, announce, sessions, settings.viewer_token)
+    metrics, limiter = Metrics(), Limiter(settings.rates)
     socket = settings.private / "viewer.sock"
     proxy = ViewerProxy(socket)
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncGenerator[None]:
-        house = await asyncio.to_thread(_build, settings, auth, metrics, socket)
+        house = await asyncio.to_thread(_build, settings, auth, metrics, socket, limiter)
         app.state.house = house
         house.live.listen(house.viewer.on_report)
         await house.live.start(house.spec, "sim", "simulator")
         app.state.keeper = keeper = Keeper(house)
-        watching = asyncio.create_task(keeper.watch())
+        watching = [asyncio.create_task(keeper.watch()), asyncio.create_task(keeper.watch_sessions())]
         try:
             yield
         finally:
             await keeper.hold()
-            watching.cancel()
+            for task in watching:
+                task.cancel()
             await asyncio.gather(house.runs.close(), house.live.stop())
             await proxy.close()
             await asyncio.to_thread(house.viewer.close)
             house.bulk.close()
+            sessions.close()
 
     app = FastAPI(
         title="snakeslam",
@@ -92,9 +100,10 @@ def create_app(settings: ServerSettings, announce: Callable[[str], None]) -> Fas
         redoc_url=None,
     )
     problem.install(app)
-    limiter = Limiter(settings.rates)
-    app.add_middleware(Guard, auth=auth, hosts=HostRule(settings.host), limiter=limiter, metrics=metrics)
+    app.add_middleware(Guard, auth=auth, hosts=HostRule(settings.host, config.hosts), limiter=limiter, metrics=metrics)
     app.add_middleware(Observe, metrics=metrics)
+    if config.trusted_proxies:
+        app.add_middleware(ProxyHeadersMiddleware, trusted_hosts=checked_proxies(config.trusted_proxies))
     for module in (state, control, gait, head, estop, recordings, map, runs, session):
         app.include_router(module.router, prefix=PREFIX)
     app.include_router(proxy.router)
@@ -107,7 +116,7 @@ def create_app(settings: ServerSettings, announce: Callable[[str], None]) -> Fas
     return app
 
 
-def _build(settings: ServerSettings, auth: Auth, metrics: Metrics, socket: Path) -> House:
+def _build(settings: ServerSettings, auth: Auth, metrics: Metrics, socket: Path, limiter: Limiter) -> House:
     live, desk, bulk = Live(settings.spec.config), Desk(), Bulk()
     library = Library.of(list(settings.recordings))
     telemetry = Telemetry(live, desk, metrics)
@@ -124,6 +133,8 @@ def _build(settings: ServerSettings, auth: Auth, metrics: Metrics, socket: Path)
         library=library,
         metrics=metrics,
         bulk=bulk,
+        sockets=Sockets(metrics),
+        limiter=limiter,
         map_file=MapFile(live, bulk),
         recordings=Made(bulk, library.all, monotonic, RECORDINGS_AGE_S),
     )
@@ -134,8 +145,13 @@ def _own_pages(app: FastAPI, auth: Auth) -> APIRouter:
     router = APIRouter(include_in_schema=False)
 
     @router.get("/login")
-    async def _(code: str = "") -> Response:  # pyright: ignore[reportUnusedFunction]
-        return login_response(auth, code)
+    async def _(request: Request, code: str = "") -> Response:  # pyright: ignore[reportUnusedFunction]
+        return await login_response(auth, code, request)
+
+    @router.get("/healthz")
+    async def _(house: Rooms) -> Response:  # pyright: ignore[reportUnusedFunction]
+        well = house.live.view.phase == "running" and house.live.view.message is None
+        return Response("well\n" if well else "not well\n", HTTPStatus.OK if well else HTTPStatus.SERVICE_UNAVAILABLE)
 
     @router.get("/metrics")
     async def _(house: Rooms) -> Response:  # pyright: ignore[reportUnusedFunction]

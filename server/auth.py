@@ -1,31 +1,28 @@
 """Who may talk to the server, and as what: one-time codes, session cookies, bearer tokens, Host and Origin checks."""
 
-import hashlib
-import hmac
 import ipaddress
 import os
+import re
 import secrets
 import socket
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from http import HTTPStatus
-from time import time
-from typing import Literal
 from urllib.parse import urlsplit
 
 from starlette.datastructures import Headers
 from starlette.requests import HTTPConnection
 from starlette.responses import RedirectResponse, Response
 
+from server.sessions import IDENTITY_CHARS, Role, Session, Sessions, digest
 from snakeslam.errors import InputError
 
 COOKIE = "snakeslam_session"
 TOKEN_VARIABLE = "SNAKESLAM_TOKEN"
 VIEWER_VARIABLE = "SNAKESLAM_VIEWER_TOKEN"
 LEAST_TOKEN_LENGTH = 16
-SESSION_S = 12 * 3600.0
 LEASE_HEADER = "control-lease"
-Role = Literal["viewer", "operator"]
+HOST_NAME = re.compile(r"(\*\.)?[A-Za-z0-9_-]{1,63}(\.[A-Za-z0-9_-]{1,63})*\.?")
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,52 +65,46 @@ def _token_in(variable: str) -> str | None:
 
 
 class Auth:
-    """Knows the tokens and the code of the next sign-in URL, and signs sessions.
+    """Knows the tokens and the code of the next sign-in URL, and opens sessions."""
 
-    A session is role.expiry.nonce.MAC under a key made from the token: who sets the token keeps everybody signed in
-    when the server starts again.
-    """
-
-    def __init__(self, token: str, announce: Callable[[str], None], viewer_token: str | None = None) -> None:
-        self._tokens: dict[Role, str] = {"operator": token}
-        if viewer_token is not None:
-            self._tokens["viewer"] = viewer_token
+    def __init__(
+        self, token: str, announce: Callable[[str], None], sessions: Sessions, viewer_token: str | None = None
+    ) -> None:
+        self._tokens = tokens_by_role(token, viewer_token)
         self._announce = announce
-        self._ended: dict[str, float] = {}
+        self.sessions = sessions
         self.code = secrets.token_urlsafe(24)
 
-    def redeem(self, code: str) -> str | None:
+    async def redeem(self, code: str) -> str | None:
         """Return a new session for the one-time ``code`` and make the next code; None for a wrong one."""
         if not _same(code, self.code):
             return None
         self.code = secrets.token_urlsafe(24)
         self._announce(self.code)
-        return self._open("operator")
+        return await self.sessions.open("operator")
 
-    def sign_in(self, token: str) -> str | None:
+    async def sign_in(self, token: str) -> str | None:
         """Return a new session for a token; None for a wrong one."""
         role = self._role_of(token)
-        return None if role is None else self._open(role)
+        return None if role is None else await self.sessions.open(role)
 
-    def sign_out(self, connection: HTTPConnection) -> None:
-        """End the session of a request, if it has one."""
-        session, now = connection.cookies.get(COOKIE, ""), time()
-        if self._role_in(session) is not None:
-            self._ended = {ended: until for ended, until in self._ended.items() if until > now}
-            self._ended[session] = now + SESSION_S
+    async def sign_out(self, connection: HTTPConnection, everywhere: bool) -> list[Session]:
+        """End the session of a request, or all of them, for good; return those that ended."""
+        own = self.sessions.find(connection.cookies.get(COOKIE, ""))
+        ended = self.sessions.all() if everywhere else [own] if own is not None else []
+        await self.sessions.end(ended)
+        return ended
 
     def caller(self, connection: HTTPConnection) -> Caller | None:
         """Return who asks: by token or open session; None for a stranger."""
+        key = connection.headers.get(LEASE_HEADER)
         scheme, _, credentials = connection.headers.get("authorization", "").partition(" ")
-        credential = credentials.strip()
-        role = self._role_of(credential) if scheme.lower() == "bearer" else None
-        if role is None:
-            credential = connection.cookies.get(COOKIE, "")
-            role = self._role_in(credential)
-        if role is None:
-            return None
-        identity = hashlib.sha256(credential.encode()).hexdigest()[:12]
-        return Caller(role, identity, connection.headers.get(LEASE_HEADER))
+        token = credentials.strip()
+        role = self._role_of(token) if scheme.lower() == "bearer" else None
+        if role is not None:
+            return Caller(role, digest(token)[:IDENTITY_CHARS], key)
+        session = self.sessions.find(connection.cookies.get(COOKIE, ""))
+        return None if session is None else Caller(session.role, session.identity, key)
 
     def _role_of(self, token: str) -> Role | None:
         for role, known in self._tokens.items():
@@ -121,54 +112,76 @@ class Auth:
                 return role
         return None
 
-    def _open(self, role: Role) -> str:
-        claim = f"{role}.{round(time() + SESSION_S)}.{secrets.token_urlsafe(18)}"
-        return f"{claim}.{self._mac(role, claim)}"
 
-    def _role_in(self, session: str) -> Role | None:
-        """Return the role that a session opens, None for one that is forged, over or ended."""
-        claim, _, mac = session.rpartition(".")
-        name, _, rest = claim.partition(".")
-        if name not in ("operator", "viewer") or name not in self._tokens:
-            return None
-        role: Role = name
-        if not _same(mac, self._mac(role, claim)) or session in self._ended:
-            return None
-        return role if time() < int(rest.partition(".")[0]) else None
-
-    def _mac(self, role: Role, claim: str) -> str:
-        return hmac.new(b"session:" + self._tokens[role].encode(), claim.encode(), "sha256").hexdigest()
+def tokens_by_role(token: str, viewer_token: str | None) -> dict[Role, str]:
+    """Return the tokens in force."""
+    return {"operator": token} if viewer_token is None else {"operator": token, "viewer": viewer_token}
 
 
 def _same(given: str, wanted: str) -> bool:
     return secrets.compare_digest(given.encode(), wanted.encode())
 
 
-def set_cookie(response: Response, session: str) -> None:
-    """Give the browser its session."""
-    response.set_cookie(COOKIE, session, max_age=round(SESSION_S), httponly=True, samesite="strict", path="/")
+def set_cookie(response: Response, session: str, connection: HTTPConnection, lasting_s: float) -> None:
+    """Give the browser its session; one that came over TLS sends it over TLS only."""
+    options = {"max_age": round(lasting_s), "secure": is_secure(connection)}
+    response.set_cookie(COOKIE, session, httponly=True, samesite="strict", path="/", **options)
 
 
-def login_response(auth: Auth, code: str) -> Response:
+def delete_cookie(response: Response, connection: HTTPConnection) -> None:
+    """Have the browser forget its session."""
+    response.delete_cookie(COOKIE, path="/", httponly=True, samesite="strict", secure=is_secure(connection))
+
+
+def is_secure(connection: HTTPConnection) -> bool:
+    """Whether a request came over TLS, to this server or to a trusted proxy in front of it."""
+    return connection.url.scheme in ("https", "wss")
+
+
+async def login_response(auth: Auth, code: str, connection: HTTPConnection) -> Response:
     """Answer /login: into the page with a session, or just to the page, which then asks for the token."""
     response = RedirectResponse("/", HTTPStatus.SEE_OTHER)
-    session = auth.redeem(code)
+    session = await auth.redeem(code)
     if session is not None:
-        set_cookie(response, session)
+        set_cookie(response, session, connection, auth.sessions.lasting_s)
     return response
+
+
+def checked_hosts(names: Sequence[str]) -> tuple[str, ...]:
+    """Return the allowed names in the form in which they are compared; InputError for what is no name."""
+    for name in names:
+        if HOST_NAME.fullmatch(name) is None:
+            raise InputError("server.hosts", f"{name!r} is no host name", "robot.example.com or *.example.com")
+    return tuple(name.lower().rstrip(".") for name in names)
+
+
+def checked_proxies(addresses: Sequence[str]) -> list[str]:
+    """Return the addresses and networks of trusted proxies; InputError for what is neither."""
+    for address in addresses:
+        try:
+            ipaddress.ip_network(address)
+        except ValueError as error:
+            allowed = "an address or a network, such as 127.0.0.1 or 172.16.0.0/12"
+            raise InputError("server.trusted_proxies", f"{address!r}: {error}", allowed) from error
+    return list(addresses)
 
 
 class HostRule:
     """Which Host names are ours, so that no foreign name can be pointed at this address (DNS rebinding)."""
 
-    def __init__(self, bound: str) -> None:
-        self._names = {"localhost", bound.lower(), socket.gethostname().lower()}
+    def __init__(self, bound: str, allowed: Sequence[str] = ()) -> None:
+        machine = socket.gethostname().lower().rstrip(".")
+        # What mDNS (Avahi, Bonjour) calls this machine on its own network.
+        local = f"{machine.partition('.')[0]}.local"
+        names = checked_hosts(allowed)
+        self._names = {"localhost", bound.lower(), machine, local} | {name for name in names if name[0] != "*"}
+        self._endings = tuple(name[1:] for name in names if name[0] == "*")
         self._any_address = not is_loopback(bound)
 
     def allows(self, host: str) -> bool:
         """Whether a Host header (name or address, with or without a port) is ours."""
-        name = _host_name(f"//{host}")
-        if name in self._names:
+        name = _host_name(f"//{host}").removesuffix(".")
+        if name in self._names or (self._endings and name.endswith(self._endings)):
             return True
         try:
             address = ipaddress.ip_address(name)

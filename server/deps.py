@@ -3,17 +3,21 @@
 from dataclasses import dataclass
 from typing import Annotated
 
+import structlog
 from fastapi import Depends
 from starlette.requests import HTTPConnection
 
 from server.auth import Auth, Caller
 from server.bulk import Bulk, Made
-from server.lease import Desk
+from server.lease import Desk, Lease
+from server.limits import Limiter
 from server.live import Live
 from server.map_file import MapFile
 from server.metrics import Metrics
 from server.recordings import Library
 from server.runs import Runs
+from server.sessions import Session
+from server.sockets import Sockets
 from server.state import Json, state_json
 from server.telemetry import Telemetry
 from server.teleop import Teleop
@@ -22,6 +26,8 @@ from snakeslam.config import Config
 from snakeslam.recording.datasets import Summary
 from snakeslam.runtime.spec import SessionSpec
 from snakeslam.runtime.topics import Stop
+
+_log = structlog.get_logger("control")
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +48,8 @@ class House:
     bulk: Bulk
     map_file: MapFile
     recordings: Made[dict[str, Summary]]
+    sockets: Sockets
+    limiter: Limiter
 
     def state(self) -> Json:
         """GET /state."""
@@ -51,6 +59,22 @@ class House:
         """Raise a Problem unless ``caller`` may move the robot now."""
         self.desk.need(caller.lease_key, caller.identity)
         self.metrics.leased.set(1)
+
+    def tell_lease(self, lease: Lease, how: str, more: str = "") -> None:
+        """Say everywhere what became of the lease."""
+        self.metrics.leases.labels(how).inc()
+        self.metrics.leased.set(self.desk.lease is not None)
+        _log.info("control", holder=lease.holder, how=how + more)
+        level = "warning" if how in ("lapsed", "signed out") else "info"
+        self.telemetry.say(level, f"{lease.holder}: control {how}{more}")
+
+    async def session_over(self, session: Session) -> None:
+        """End what a session that is over has open: its websockets, and its control of the robot, which stops."""
+        self.sockets.end_session(session.identity)
+        lease = self.desk.revoke(session.identity)
+        if lease is not None:
+            self.tell_lease(lease, "signed out")
+            await self.stop_if_moving()
 
     async def stop_if_moving(self) -> None:
         """Bring a robot that moves to rest."""

@@ -13,10 +13,12 @@ from server.metrics import Metrics
 from server.problem import problem_response
 
 MAX_BODY_BYTES = 64 * 1024
-LATE_S = 0.1
+LATE_S, BODY_S = 0.1, 10.0
+HOST_REFUSED = "this server does not answer to that Host name; --set server.hosts=[NAME] allows one"
 SAFE_METHODS = ("GET", "HEAD", "OPTIONS")
 PROTECTED = ("/api/", "/viewer", "/metrics")
 SIGN_IN = "/api/v1/session"
+LOGIN = "/login"
 ESTOP = "/api/v1/estop"
 TELEOP = "/api/v1/teleop"
 VIEWERS_MAY = (ESTOP, SIGN_IN)
@@ -40,15 +42,25 @@ class Guard:
             return
         connection = HTTPConnection(scope)
         caller = self._auth.caller(connection)
+        place = connection.scope.get("state", {}).get("place")
+        if place is not None and caller is not None and scope["type"] == "http":
+            place.connection.places.signed_in(place, caller.role, caller.identity)
+        if scope["type"] == "http":
+            send = _with_security_headers(send)
         refusal = self._refusal(connection, caller)
         if refusal is not None:
             await _refuse(refusal, scope, receive, send)
             return
         if scope["type"] == "http":
-            send = _with_security_headers(send)
             if caller is not None and connection.url.path == ESTOP and not self._limiter.allows("estop", _who(caller)):
                 send = _late(send)
-            body = await _capped_body(receive) if scope["method"] not in SAFE_METHODS else b""
+            try:
+                async with asyncio.timeout(BODY_S):
+                    body = await _capped_body(receive) if scope["method"] not in SAFE_METHODS else b""
+            except TimeoutError:
+                late = problem_response(HTTPStatus.REQUEST_TIMEOUT, "the body did not come", {"Connection": "close"})
+                await late(scope, receive, send)
+                return
             if body is None:
                 too_large = problem_response(413, f"the body is larger than {MAX_BODY_BYTES} bytes")
                 await too_large(scope, receive, send)
@@ -61,7 +73,7 @@ class Guard:
         path, write = connection.url.path, _writes(connection)
         connection.scope.setdefault("state", {})["caller"] = caller
         if not self._hosts.allows(connection.headers.get("host", "")):
-            return problem_response(HTTPStatus.MISDIRECTED_REQUEST, "this server does not answer to that Host name")
+            return problem_response(HTTPStatus.MISDIRECTED_REQUEST, HOST_REFUSED)
         if (write or connection.scope["type"] == "websocket") and not same_origin(connection.headers):
             return problem_response(HTTPStatus.FORBIDDEN, "requests from other origins are refused")
         if not self._within_rate(connection, caller, write):
@@ -79,11 +91,12 @@ class Guard:
         path = connection.url.path
         if path == ESTOP and caller is not None:
             return True
-        signing_in = path == "/login" or (path == SIGN_IN and write)
-        kind = "sign_in" if signing_in else "write" if write else "read"
+        if path == LOGIN or (path == SIGN_IN and write):
+            return True  # Only wrong ones count, and are counted where that is known.
+        kind = "write" if write else "read"
         host = connection.client.host if connection.client is not None else ""
         watching = caller is not None and caller.role == "viewer"
-        if self._limiter.allows(kind, caller.identity if caller is not None and not signing_in else host) and (
+        if self._limiter.allows(kind, caller.identity if caller is not None else host) and (
             not watching or self._limiter.allows("viewers", "")
         ):
             return True
@@ -110,7 +123,7 @@ async def _refuse(refusal: Response, scope: Scope, receive: Receive, send: Send)
     if scope["type"] == "http":
         await refusal(scope, receive, send)
         return
-    start: Message = {"status": refusal.status_code, "headers": refusal.raw_headers}
+    start: Message = {"status": refusal.status_code, "headers": _secured(refusal.raw_headers)}
     await send({"type": "websocket.http.response.start", **start})
     await send({"type": "websocket.http.response.body", "body": bytes(refusal.body)})
 
@@ -159,16 +172,20 @@ def _with_security_headers(send: Send) -> Send:
 
     async def send_with_headers(message: Message) -> None:
         if message["type"] == "http.response.start":
-            headers: list[tuple[bytes, bytes]] = list(message.get("headers", []))
-            have = {name.lower() for name, _ in headers}
-            wanted = {
-                b"content-security-policy": PAGE_POLICY.encode(),
-                b"x-content-type-options": b"nosniff",
-                b"referrer-policy": b"no-referrer",
-                b"cross-origin-resource-policy": b"same-origin",
-                b"cache-control": b"no-store",
-            }
-            message["headers"] = headers + [(k, v) for k, v in wanted.items() if k not in have]
+            message["headers"] = _secured(list(message.get("headers", [])))
         await send(message)
 
     return send_with_headers
+
+
+def _secured(headers: list[tuple[bytes, bytes]]) -> list[tuple[bytes, bytes]]:
+    """Return the headers of an answer with those that every answer carries."""
+    have = {name.lower() for name, _ in headers}
+    wanted = {
+        b"content-security-policy": PAGE_POLICY.encode(),
+        b"x-content-type-options": b"nosniff",
+        b"referrer-policy": b"no-referrer",
+        b"cross-origin-resource-policy": b"same-origin",
+        b"cache-control": b"no-store",
+    }
+    return headers + [(name, value) for name, value in wanted.items() if name not in have]

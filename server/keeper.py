@@ -9,10 +9,9 @@ import structlog
 from server.background import attempt, keep_on
 from server.deps import House
 from server.problem import Problem
-from server.routes.control import tell
 from snakeslam.runtime.topics import Tick
 
-LOOK_S = 0.1
+LOOK_S, SESSIONS_S = 0.1, 0.5
 HOLD_S = 2.0
 HELD_RAD = 1e-4
 _log = structlog.get_logger("keeper")
@@ -33,8 +32,20 @@ class Keeper:
         lease = self._house.desk.lapse()
         if lease is not None:
             # The robot stops, whatever becomes of the words.
-            attempt("telling of the lease", lambda: tell(self._house, lease, "lapsed"))
+            attempt("telling of the lease", lambda: self._house.tell_lease(lease, "lapsed"))
             await self._stop()
+
+    async def watch_sessions(self) -> None:
+        """End what belongs to sessions that are over, until cancelled."""
+        await keep_on("the watch over the sessions", self._end_sessions, self._house.telemetry.say)
+
+    async def _end_sessions(self) -> None:
+        await asyncio.sleep(SESSIONS_S)
+        for session in await self._house.auth.sessions.poll():
+            try:
+                await self._house.session_over(session)
+            except Problem as problem:
+                _log.error("the robot could not be stopped", why=problem.detail)
 
     async def hold(self) -> None:
         """Bring a robot that moves to a hold; waits for it HOLD_S at most."""

@@ -25,6 +25,8 @@ class Lease:
     key: str
     holder: str
     seconds: float
+    identity: str = ""
+    """The credential with which it was taken."""
 
 
 class Desk:
@@ -64,7 +66,7 @@ class Desk:
         lease = self.lease
         if lease is not None and not over and lease.key != identity:
             raise Problem(HTTPStatus.CONFLICT, f"{lease.holder} has control; take it over or wait until it is free")
-        return self._give(secrets.token_urlsafe(18), holder, seconds)
+        return self._give(secrets.token_urlsafe(18), holder, seconds, identity)
 
     def renew(self, key: str | None) -> Lease:
         """Go on holding it; Problem when it is no longer this one's."""
@@ -78,6 +80,14 @@ class Desk:
         self._end()
         return lease
 
+    def revoke(self, identity: str) -> Lease | None:
+        """Take the lease from a credential that is no longer good; return it if it was theirs."""
+        lease = self.lease
+        if lease is None or lease.identity != identity:
+            return None
+        self._end()
+        return lease
+
     def hurry(self, key: str | None) -> None:
         """Let a page's lease lapse soon: its socket has closed."""
         if self._lease is not None and self.holds(key) and self._lease.seconds <= RENEWED_S:
@@ -88,7 +98,7 @@ class Desk:
         if key is not None:
             self.renew(key)
         elif self.lease is None:
-            self._give(identity, "a script", UNASKED_S)
+            self._give(identity, "a script", UNASKED_S, identity)
         elif self.holds(identity):
             self.renew(identity)
         else:
@@ -110,9 +120,9 @@ class Desk:
             raise Problem(HTTPStatus.CONFLICT, f"you do not have control; {whose}")
         return lease
 
-    def _give(self, key: str, holder: str, seconds: float) -> Lease:
+    def _give(self, key: str, holder: str, seconds: float, identity: str) -> Lease:
         self._count += 1
-        self._lease = lease = Lease(self._count, key, holder, seconds)
+        self._lease = lease = Lease(self._count, key, holder, seconds, identity)
         self._until_s = self._clock() + seconds
         self._tell()
         return lease

@@ -5,7 +5,7 @@ import sys
 
 import structlog
 
-from snakeslam.runtime.logs import log_to_stderr
+from snakeslam.runtime.logs import Repeats, log_to_stderr
 
 
 def configure_logs() -> None:
@@ -18,6 +18,8 @@ def configure_logs() -> None:
             processors=[structlog.stdlib.ProcessorFormatter.remove_processors_meta, renderer],
         )
     )
-    library = logging.getLogger("uvicorn")
-    library.handlers, library.propagate = [handler], False
-    library.setLevel(logging.WARNING)
+    handler.addFilter(Repeats().filter)
+    for name in ("uvicorn", "asyncio", "websockets"):
+        library = logging.getLogger(name)
+        library.handlers, library.propagate = [handler], False
+        library.setLevel(logging.WARNING)

@@ -8,12 +8,14 @@ import sys
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from pathlib import Path
+from time import monotonic
 
 import uvicorn
 from fastapi import FastAPI
 
 from server.app import ServerSettings, create_app
 from server.auth import TOKEN_VARIABLE, token_from_environment, viewer_token_from_environment
+from server.edge import BACKLOG, Places, most_connections, protocol_with
 from server.logs import configure_logs
 from snakeslam.claims import temporary_folder
 from snakeslam.config import Config
@@ -23,7 +25,8 @@ from snakeslam.runtime.priority import go_second
 from snakeslam.runtime.spec import SessionSpec
 
 GRACE_S = 2
-BACKLOG = 128
+PLACES_EVERY = 10
+"""In tenths of a second: how often connections that wait too long are looked for."""
 SWITCH_S = 0.0005
 """So soon another thread has its turn: those of the bus and the event loop must not wait for one that computes."""
 MAX_MESSAGE_BYTES = 64 * 1024
@@ -54,9 +57,14 @@ def bind(host: str, port: int) -> socket.socket:
 class _Server(uvicorn.Server):
     """Says when it is ready; brings the robot to a hold before it lets its clients go."""
 
-    def __init__(self, config: uvicorn.Config, app: FastAPI, ready: Callable[[], None]) -> None:
-        super().__init__(config)
-        self._app, self._ready = app, ready
+    def __init__(self, app: FastAPI, places: Places, ready: Callable[[], None]) -> None:
+        super().__init__(_uvicorn(app, places))
+        self._app, self._places, self._ready = app, places, ready
+
+    async def on_tick(self, counter: int) -> bool:
+        if counter % PLACES_EVERY == 0:
+            self._places.look(monotonic())
+        return await super().on_tick(counter)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
         await self._app.state.keeper.hold()
@@ -90,16 +98,18 @@ def serve(config: Config, *, host: str, port: int, recordings: list[Path], spec:
             _say(f"Token for scripts: {hint}")
             _say(f"Open {url}/login?code={app.state.auth.code}")
 
-        server = _Server(_uvicorn(app), app, ready)
+        server = _Server(app, Places(most_connections()), ready)
         with _quiet_signals():
             server.run(sockets=[listener])
         if not server.started:
             raise SnakeslamError("the server did not start; the lines above say why")
 
 
-def _uvicorn(app: FastAPI) -> uvicorn.Config:
+def _uvicorn(app: FastAPI, places: Places) -> uvicorn.Config:
     return uvicorn.Config(
         app,
+        http=protocol_with(places),
+        backlog=BACKLOG,
         log_config=None,
         ws_per_message_deflate=False,
         ws_max_size=MAX_MESSAGE_BYTES,

@@ -1,5 +1,6 @@
 """Every request counted, timed and, where it changes something or is refused, logged."""
 
+from http import HTTPMethod
 from time import monotonic
 
 import structlog
@@ -9,6 +10,9 @@ from server.guard import SAFE_METHODS
 from server.metrics import Metrics
 from server.routes import PREFIX
 
+MOST_CHARS = 200
+METHODS = frozenset(HTTPMethod)
+"""What else a stranger invents is counted as one."""
 _log = structlog.get_logger("http")
 
 
@@ -38,13 +42,15 @@ class Observe:
 
     def _note(self, scope: Scope, status: int, seconds: float) -> None:
         path = _template(scope)
-        self._metrics.requests.labels(scope["method"], path, str(status)).inc()
-        self._metrics.request_s.labels(scope["method"], path).observe(seconds)
+        method = scope["method"] if scope["method"] in METHODS else "other"
+        self._metrics.requests.labels(method, path, str(status)).inc()
+        self._metrics.request_s.labels(method, path).observe(seconds)
         if scope["method"] in SAFE_METHODS and status < 400:
             return
         caller = scope.get("state", {}).get("caller")
         who = "stranger" if caller is None else f"{caller.role} {caller.identity}"
-        told = {"method": scope["method"], "path": scope["path"], "status": status, "ms": round(seconds * 1e3, 1)}
+        asked = {"method": scope["method"][:MOST_CHARS], "path": scope["path"][:MOST_CHARS]}
+        told = {**asked, "status": status, "ms": round(seconds * 1e3, 1)}
         (_log.info if status < 500 else _log.error)("request", who=who, **told)
 
 

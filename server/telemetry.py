@@ -17,7 +17,6 @@ from snakeslam.messages import MapChunk
 from snakeslam.runtime.topics import Ended, Event, Features, Picture, Report, Started, Tick
 
 MAX_EVENTS = 100
-MAX_CLIENTS = 32
 STALLED_S = 15.0
 PING = re.compile(r'\{"type":"ping","t_ms":(\d{1,15}(?:\.\d{1,9})?)\}')
 # What changes at every tick is no news of its own.
@@ -68,9 +67,6 @@ class Telemetry:
 
     async def serve(self, socket: WebSocket) -> None:
         """Serve one websocket until either side ends it."""
-        if len(self._clients) >= MAX_CLIENTS:
-            await socket.close(1013, "too many clients")
-            return
         await socket.accept()
         client = Client(self._metrics)
         client.put("state", self._state_text())

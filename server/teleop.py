@@ -19,7 +19,6 @@ from server.metrics import Metrics
 from server.problem import Problem
 from snakeslam.runtime.topics import Drive
 
-MAX_SOCKETS = 8
 MAX_CHARS = 512
 LOOK_S = 0.05
 LOST_CONTROL, TOO_MUCH, BAD_MESSAGE = 4001, 4002, 4003
@@ -61,9 +60,6 @@ class Teleop:
     async def serve(self, socket: WebSocket) -> None:
         """Serve one websocket until either side ends it, then let go."""
         await socket.accept()
-        if len(self._drivers) >= MAX_SOCKETS:
-            await socket.close(1013, "too many operators")
-            return
         driver = Driver(socket, self._live, self._desk, self._metrics, Bucket(self._rate, monotonic()))
         self._drivers.add(driver)
         self._metrics.drivers.set(len(self._drivers))

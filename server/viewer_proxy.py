@@ -17,6 +17,7 @@ from websockets.exceptions import ConnectionClosed, InvalidHandshake
 from websockets.typing import Subprotocol
 
 from server.background import note
+from server.deps import Rooms, Who
 from server.problem import Problem
 
 SUBPROTOCOL = f"viser-v{viser_version}"
@@ -104,7 +105,10 @@ class ViewerProxy:
         text = page.text.replace("<head>", HEAD, 1)
         return Response(text, page.status_code, {"Content-Security-Policy": POLICY}, "text/html; charset=utf-8")
 
-    async def _socket(self, client: WebSocket) -> None:
+    async def _socket(self, client: WebSocket, house: Rooms, who: Who) -> None:
+        await house.sockets.serve("viewer", client, who, self._serve)
+
+    async def _serve(self, client: WebSocket) -> None:
         offered: list[str] = client.scope.get("subprotocols", [])
         # A close code only reaches a client whose handshake was taken.
         await client.accept(SUBPROTOCOL if SUBPROTOCOL in offered else next(iter(offered), None))

@@ -174,11 +174,15 @@ class NodeName(StrEnum):
     ROBOT = "robot"
     SLAM = "slam"
     CHECK = "check"
+    CHECK_ROBOT = "check-robot"
+    CHECK_SLAM = "check-slam"
 
 
 @app.command()
 def node(
-    name: Annotated[NodeName, typer.Argument(help="robot, slam; check: whether both are alive.")],
+    name: Annotated[
+        NodeName, typer.Argument(help="robot, slam; check, check-robot, check-slam: whether both, or one, are alive.")
+    ],
     config: Annotated[Path | None, typer.Argument(help="Configuration [configs/sim.yaml].")] = None,
     connect: ConnectOption = None,
     listen: Annotated[str | None, typer.Option(metavar="ENDPOINT", help="Be where the others connect to.")] = None,
@@ -198,10 +202,11 @@ def node(
     from snakeslam.runtime.slam_node import run_slam
     from snakeslam.runtime.spec import SessionSpec
 
-    if name is NodeName.CHECK:
-        from snakeslam.runtime.health import check
+    if name not in (NodeName.ROBOT, NodeName.SLAM):
+        from snakeslam.runtime.health import NODES, check
 
-        typer.echo(check(link))
+        _, _, one = name.partition("-")
+        typer.echo(check(link, (one,) if one else NODES))
         return
     life = Life()
     end_at_signals(life)

@@ -77,6 +77,19 @@ class SafetySettings(Settings):
     """A back-up plays the gait backwards for so long, however blind the robot is, and then stops."""
 
 
+class ServerConfig(Settings):
+    """The dashboard's server."""
+
+    state_dir: str | None = None
+    """Folder of what outlives the server (who is signed in); null: snakeslam below $XDG_STATE_HOME (~/.local/state)."""
+    session_hours: Annotated[float, Field(gt=0, le=24 * 365)] = 12.0
+    """A browser stays signed in for so long."""
+    hosts: tuple[str, ...] = ()
+    """Names by which browsers may reach it, besides this machine's own; *.example.com is all below that name."""
+    trusted_proxies: tuple[str, ...] = ()
+    """Addresses (or networks) of TLS front ends whose X-Forwarded-For and X-Forwarded-Proto are believed."""
+
+
 class Config(Settings):
     """All settings of a session."""
 
@@ -91,6 +104,7 @@ class Config(Settings):
     replay: ReplaySettings = ReplaySettings()
     recording: RecordingSettings = RecordingSettings()
     run: RunSettings = RunSettings()
+    server: ServerConfig = ServerConfig()
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,17 +2,15 @@
 
 from typing import Annotated, Any
 
-import structlog
 from fastapi import APIRouter, WebSocket
 from pydantic import BaseModel, ConfigDict, Field
 
-from server.deps import House, Rooms, Who
+from server.deps import Rooms, Who
 from server.fields import Name
 from server.lease import LONGEST_S, RENEWED_S, Lease
 from server.state import control_json
 
 router = APIRouter(tags=["control"])
-_log = structlog.get_logger("control")
 
 
 class LeaseRequest(BaseModel):
@@ -41,7 +39,7 @@ async def take(house: Rooms, who: Who, request: LeaseRequest | None = None) -> d
     before = house.desk.lease
     lease = house.desk.take(request.name, request.seconds, over=request.take_over, identity=who.identity)
     how = "taken" if before is None or before.key == who.identity else "taken over"
-    tell(house, lease, how, f" from {before.holder}" if before is not None and how == "taken over" else "")
+    house.tell_lease(lease, how, f" from {before.holder}" if before is not None and how == "taken over" else "")
     return lease_json(lease)
 
 
@@ -56,22 +54,14 @@ async def release(house: Rooms, who: Who) -> dict[str, Any]:
     """Give control back; the robot stops."""
     lease = house.desk.release(who.lease_key)
     await house.stop_if_moving()
-    tell(house, lease, "given back")
+    house.tell_lease(lease, "given back")
     return control_json(house.desk)
 
 
 @router.websocket("/teleop")
-async def teleop(socket: WebSocket, house: Rooms) -> None:
+async def teleop(socket: WebSocket, house: Rooms, who: Who) -> None:
     """Drive input as JSON: hello with the lease's key, then pings and drives; see docs/operation.md."""
-    await house.teleop.serve(socket)
-
-
-def tell(house: House, lease: Lease, how: str, more: str = "") -> None:
-    """Say everywhere what became of the lease."""
-    house.metrics.leases.labels(how).inc()
-    house.metrics.leased.set(house.desk.lease is not None)
-    _log.info("control", holder=lease.holder, how=how + more)
-    house.telemetry.say("warning" if how == "lapsed" else "info", f"{lease.holder}: control {how}{more}")
+    await house.sockets.serve("teleop", socket, who, house.teleop.serve)
 
 
 def lease_json(lease: Lease) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from fastapi import APIRouter, Request
 from pydantic import BaseModel, ConfigDict, Field
 from starlette.responses import Response
 
-from server.auth import COOKIE, set_cookie
+from server.auth import delete_cookie, set_cookie
 from server.deps import Rooms, Who
 from server.problem import Problem
 
@@ -26,14 +26,18 @@ class SignIn(BaseModel):
 
 
 @router.post("/session", status_code=HTTPStatus.NO_CONTENT)
-async def sign_in(request: SignIn, house: Rooms) -> Response:
+async def sign_in(request: SignIn, connection: Request, house: Rooms) -> Response:
     """Open a session for the token and set its cookie."""
-    session = house.auth.sign_in(request.token.strip())
+    session = await house.auth.sign_in(request.token.strip())
     if session is None:
         await asyncio.sleep(WRONG_S)
+        host = connection.client.host if connection.client is not None else ""
+        if not house.limiter.allows("sign_in", host):
+            detail = "too many wrong tokens; the right one is taken at any time"
+            raise Problem(HTTPStatus.TOO_MANY_REQUESTS, detail)
         raise Problem(HTTPStatus.UNAUTHORIZED, "this is not the token")
     response = Response(status_code=HTTPStatus.NO_CONTENT)
-    set_cookie(response, session)
+    set_cookie(response, session, connection, house.auth.sessions.lasting_s)
     return response
 
 
@@ -44,9 +48,12 @@ async def get_session(who: Who) -> dict[str, str]:
 
 
 @router.delete("/session", status_code=HTTPStatus.NO_CONTENT)
-async def sign_out(request: Request, house: Rooms) -> Response:
-    """End the session of this browser."""
-    house.auth.sign_out(request)
+async def sign_out(request: Request, house: Rooms, who: Who, everywhere: bool = False) -> Response:
+    """End the session of this browser for good, and its websockets with it; an operator may end all sessions."""
+    if everywhere and who.role != "operator":
+        raise Problem(HTTPStatus.FORBIDDEN, "only an operator may sign everybody out")
+    for session in await house.auth.sign_out(request, everywhere):
+        await house.session_over(session)
     response = Response(status_code=HTTPStatus.NO_CONTENT)
-    response.delete_cookie(COOKIE, path="/", httponly=True, samesite="strict")
+    delete_cookie(response, request)
     return response

@@ -4,7 +4,7 @@ from typing import Any
 
 from fastapi import APIRouter, WebSocket
 
-from server.deps import Rooms
+from server.deps import Rooms, Who
 
 router = APIRouter(tags=["state"])
 
@@ -16,6 +16,6 @@ async def get_state(house: Rooms) -> dict[str, Any]:
 
 
 @router.websocket("/telemetry")
-async def telemetry(socket: WebSocket, house: Rooms) -> None:
+async def telemetry(socket: WebSocket, house: Rooms, who: Who) -> None:
     """State, ticks, events as JSON text; camera frames as binary messages."""
-    await house.telemetry.serve(socket)
+    await house.sockets.serve("telemetry", socket, who, house.telemetry.serve)

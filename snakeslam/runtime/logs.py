@@ -3,11 +3,55 @@
 import logging
 import os
 import sys
+from collections.abc import Callable
+from threading import Lock
+from time import monotonic
 
 import structlog
-from structlog.typing import Processor
+from structlog.typing import EventDict, Processor
 
 VARIABLE = "SNAKESLAM_LOG"
+BURST, PER_S, MOST_KEPT = 20.0, 5.0, 256
+"""Of one kind of line so many at once, then so many a second; kinds that are remembered."""
+
+
+class Repeats:
+    """Leaves out lines of a kind that comes too often; the next one that is written says how many were left out.
+
+    A kind is the event with who caused it and how it went. A structlog processor, and a filter for the libraries' logs.
+    """
+
+    def __init__(self, clock: Callable[[], float] = monotonic) -> None:
+        self._clock = clock
+        self._kinds: dict[tuple[object, ...], list[float]] = {}
+        self._lock = Lock()
+
+    def __call__(self, logger: object, name: str, event: EventDict) -> EventDict:
+        """Return the line, or drop it."""
+        del logger
+        left_out = self.count((event.get("event"), event.get("who"), event.get("status"), name))
+        if left_out is None:
+            raise structlog.DropEvent
+        return {**event, "left_out": left_out} if left_out else event
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Whether a library's line is to be written."""
+        left_out = self.count((record.name, record.msg))
+        if left_out:
+            record.msg = f"{record.msg} ({left_out} such lines were left out)"
+        return left_out is not None
+
+    def count(self, kind: tuple[object, ...]) -> int | None:
+        """Return how many of a kind were left out before this one; None to leave it out too."""
+        with self._lock:
+            now_s = self._clock()
+            if len(self._kinds) >= MOST_KEPT and kind not in self._kinds:
+                self._kinds.pop(next(iter(self._kinds)))
+            tokens, at_s, left_out = self._kinds.get(kind, [BURST, now_s, 0.0])
+            tokens = min(BURST, tokens + (now_s - at_s) * PER_S)
+            written = tokens >= 1.0
+            self._kinds[kind] = [tokens - 1.0, now_s, 0.0] if written else [tokens, now_s, left_out + 1.0]
+            return int(left_out) if written else None
 
 
 def log_to_stderr() -> tuple[list[Processor], Processor]:
@@ -20,7 +64,7 @@ def log_to_stderr() -> tuple[list[Processor], Processor]:
     ]
     renderer: Processor = structlog.processors.JSONRenderer() if as_json else structlog.dev.ConsoleRenderer()
     structlog.configure(
-        processors=[*shared, renderer],
+        processors=[Repeats(), *shared, renderer],
         wrapper_class=structlog.make_filtering_bound_logger(logging.INFO),
         logger_factory=structlog.PrintLoggerFactory(sys.stderr),
     )

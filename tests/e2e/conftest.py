@@ -70,7 +70,7 @@ def start_dashboard(folder: Path, *settings: str) -> tuple[Running, str]:
     command += [f"--set={setting}" for setting in settings]
     if SHARED_DATA.is_dir():
         command += ["--recordings", str(SHARED_DATA)]
-    env = {**os.environ, "SNAKESLAM_TOKEN": TOKEN, "OPENBLAS_NUM_THREADS": "1"}
+    env = {**os.environ, "SNAKESLAM_TOKEN": TOKEN, "OPENBLAS_NUM_THREADS": "1", "XDG_STATE_HOME": str(folder)}
     process = subprocess.Popen(command, cwd=folder, env=env, stdout=subprocess.PIPE, text=True)
     running = Running(process, folder)
     while not (found := re.search(r"Open ((http://[^/]+)/login\S+)", running.next_line())):

@@ -98,6 +98,7 @@ def start(
     if token is not None:
         env["SNAKESLAM_TOKEN"] = token
         env["SNAKESLAM_VIEWER_TOKEN"] = VIEWER_TOKEN
+    env["XDG_STATE_HOME"] = str(folder / "state")
     if bus is not None:
         env["SNAKESLAM_TEST_BUS"] = bus
     folders = [recordings] if recordings else []

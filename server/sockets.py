@@ -1,0 +1,123 @@
+"""The open websockets: how many each credential may have of each kind, and that they end with their session."""
+
+import asyncio
+import contextlib
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+from itertools import count
+from typing import Literal
+
+from starlette.websockets import WebSocket
+
+from server.auth import Caller
+from server.metrics import Metrics
+
+Kind = Literal["telemetry", "viewer", "teleop"]
+TOO_MANY, SIGNED_OUT = 1013, 4401
+CLOSE_S = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Limit:
+    """How many sockets of a kind may be open: with one credential, by all who only watch, and by all together."""
+
+    each: int
+    viewers: int
+    total: int
+
+
+LIMITS: dict[Kind, Limit] = {
+    "telemetry": Limit(each=24, viewers=28, total=32),
+    "viewer": Limit(each=12, viewers=20, total=24),
+    "teleop": Limit(each=4, viewers=0, total=8),
+}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Open:
+    """One open socket; ``end`` gets the code and the words with which it is to be closed."""
+
+    kind: Kind
+    who: Caller
+    number: int
+    end: "asyncio.Future[tuple[int, str]]"
+
+    def close(self, code: int, why: str) -> None:
+        if not self.end.done():
+            self.end.set_result((code, why))
+
+
+class Sockets:
+    """Admits websockets; an operator always gets in, in the place of the oldest of those who only watch."""
+
+    def __init__(self, metrics: Metrics) -> None:
+        self._metrics = metrics
+        self._open: dict[int, _Open] = {}
+        self._numbers = count()
+
+    async def serve(
+        self, kind: Kind, socket: WebSocket, who: Caller, handler: Callable[[WebSocket], Awaitable[None]]
+    ) -> None:
+        """Run ``handler`` until it ends, or until the socket has to go."""
+        refusal = self._refusal(kind, who)
+        if refusal is not None:
+            self._metrics.limited.labels(kind).inc()
+            await _accept(socket)  # A close code only reaches a client whose handshake was accepted.
+            await socket.close(TOO_MANY, refusal)
+            return
+        number = next(self._numbers)
+        entry = self._open[number] = _Open(kind, who, number, asyncio.get_running_loop().create_future())
+        handling = asyncio.ensure_future(handler(socket))
+        try:
+            await asyncio.wait({handling, entry.end}, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            del self._open[number]
+            await _finish(handling)
+        if entry.end.done():
+            await _close(socket, *entry.end.result())
+
+    def end_session(self, identity: str) -> None:
+        """Close every socket of a credential that is no longer good."""
+        for entry in self._open.values():
+            if entry.who.identity == identity:
+                entry.close(SIGNED_OUT, "signed out")
+
+    def _refusal(self, kind: Kind, who: Caller) -> str | None:
+        """Return why one more socket is too many; an operator's takes the place of another one."""
+        limit = LIMITS[kind]
+        same = [entry for entry in self._open.values() if entry.kind == kind and not entry.end.done()]
+        own = [entry for entry in same if entry.who.identity == who.identity]
+        watching = [entry for entry in same if entry.who.role == "viewer"]
+        if who.role == "viewer":
+            if len(own) >= limit.each:
+                return f"you have {limit.each} of these open already"
+            full = len(watching) >= limit.viewers or len(same) >= limit.total
+            return "too many are watching" if full else None
+        if len(own) < limit.each and len(same) < limit.total:
+            return None
+        replaced = own if len(own) >= limit.each else watching or own
+        if not replaced:
+            return "too many operators"
+        replaced[0].close(TOO_MANY, "an operator's took its place")
+        return None
+
+
+async def _accept(socket: WebSocket) -> None:
+    offered: list[str] = socket.scope.get("subprotocols", [])
+    await socket.accept(next(iter(offered), None))
+
+
+async def _finish(handling: "asyncio.Future[None]") -> None:
+    """Let a handler clean up; what went wrong in it goes on, but not that it was told to end."""
+    if not handling.done():
+        handling.cancel()
+        await asyncio.wait({handling})
+    if not handling.cancelled():
+        handling.result()
+
+
+async def _close(socket: WebSocket, code: int, why: str) -> None:
+    """Close a socket, whatever its other side does."""
+    with contextlib.suppress(RuntimeError, TimeoutError):  # closed already, or nobody reads it
+        async with asyncio.timeout(CLOSE_S):
+            await socket.close(code, why)

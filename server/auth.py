@@ -124,8 +124,8 @@ def _same(given: str, wanted: str) -> bool:
 
 def set_cookie(response: Response, session: str, connection: HTTPConnection, lasting_s: float) -> None:
     """Give the browser its session; one that came over TLS sends it over TLS only."""
-    options = {"max_age": round(lasting_s), "secure": is_secure(connection)}
-    response.set_cookie(COOKIE, session, httponly=True, samesite="strict", path="/", **options)
+    secure, age_s = is_secure(connection), round(lasting_s)
+    response.set_cookie(COOKIE, session, age_s, secure=secure, httponly=True, samesite="strict", path="/")
 
 
 def delete_cookie(response: Response, connection: HTTPConnection) -> None:

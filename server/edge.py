@@ -67,7 +67,7 @@ class Places:
         place.role, place.identity = role, identity
         own = [other for other in self.all.values() if other.identity == identity]
         if len(own) > MOST_EACH:
-            _drop(next((other for other in own if not other.busy), None))
+            self._drop(next((other for other in own if not other.busy), None))
 
     def look(self, now_s: float) -> None:
         """Drop whoever has waited too long, or takes nothing of what is sent."""
@@ -75,7 +75,7 @@ class Places:
             patience_s = HEADER_S if place.role is None else IDLE_S
             waited = not place.busy and now_s - place.waits_s > patience_s
             if waited or (place.stalled_s is not None and now_s - place.stalled_s > STALL_S):
-                _drop(place)
+                self._drop(place)
 
     def _evict(self) -> None:
         """Drop the connection that has waited longest: a stranger's, else that of one who watches, else any."""
@@ -86,16 +86,17 @@ class Places:
         else:
             # Strangers whose requests are answered slowly on purpose.
             place = _oldest(place for place in self.all.values() if place.role is None)
-        _drop(place)
+        self._drop(place)
+
+    def _drop(self, place: Place | None) -> None:
+        """Close a connection; its place is free at once, though its last event comes later."""
+        if place is not None:
+            self.all.pop(id(place.connection), None)
+            place.connection.transport.abort()
 
 
 def _oldest(places: Iterator[Place]) -> Place | None:
     return min(places, key=lambda place: place.waits_s, default=None)
-
-
-def _drop(place: Place | None) -> None:
-    if place is not None:
-        place.connection.transport.abort()
 
 
 def protocol_with(places: Places) -> type["EdgeProtocol"]:

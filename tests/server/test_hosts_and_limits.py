@@ -169,12 +169,10 @@ def test_the_oldest_stranger_goes_first_and_an_operator_last() -> None:
 
     class Connection:
         def __init__(self, name: str) -> None:
-            self.name = self.transport = name
-            self.transport = self
+            self.name, self.transport = name, self
 
         def abort(self) -> None:
             gone.append(self.name)
-            places.all.pop(id(self))
 
     places = Places(3)
     for waits_s, name in enumerate(("operator", "viewer", "stranger", "a", "b", "c")):

@@ -22,6 +22,7 @@ FEWEST_POINTS = 3
 TURN_WITHIN_M, STRAIGHT_BEYOND_M = 1.5, 2.2
 """A patrol begins to turn when less than the first is free ahead, and goes straight again with the second."""
 BLOCKED_M = 0.35
+ASIDE_DEG = 30
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,13 +75,12 @@ def patrol_turn(free: Clearance, turning: int) -> int | None:
     """Return the turn of a patrol, -1 (right), 0 or 1 (left), after ``turning``; None where it can go no further.
 
     It turns towards the freer side and keeps to that side until the way ahead is free, so that it does not hesitate
-    in a corner.
+    in a corner. It can go no further where the way ahead is blocked, and so is the one that it turns to.
     """
-    if free.ahead_m < BLOCKED_M:
-        return None
-    if turning != 0:
-        return 0 if free.ahead_m > STRAIGHT_BEYOND_M else turning
-    if free.ahead_m > TURN_WITHIN_M:
+    if (turning == 0 and free.ahead_m > TURN_WITHIN_M) or (turning != 0 and free.ahead_m > STRAIGHT_BEYOND_M):
         return 0
-    left_m, right_m = free.sides_m
-    return 1 if left_m >= right_m else -1
+    if turning == 0:
+        left_m, right_m = free.sides_m
+        turning = 1 if left_m >= right_m else -1
+    aside_m = free.free_m[DIRECTIONS_DEG.index(ASIDE_DEG * turning)]
+    return None if free.ahead_m < BLOCKED_M and aside_m < 1.5 * BLOCKED_M else turning

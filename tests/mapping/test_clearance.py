@@ -56,8 +56,9 @@ def test_it_turns_to_the_freer_side_before_the_wall_and_keeps_to_it() -> None:
     assert patrol_turn(free(1.2, left=2.0, right=0.5), -1) == -1, "no hesitating in a corner"
     assert patrol_turn(free(2.0), -1) == -1
     assert patrol_turn(free(2.5), -1) == 0
-    assert patrol_turn(free(BLOCKED_M - 0.01), 0) is None
-    assert patrol_turn(free(BLOCKED_M - 0.01), 1) is None
+    assert patrol_turn(free(BLOCKED_M - 0.01, left=0.6, right=0.5), 1) == 1, "there is room to the left still"
+    assert patrol_turn(free(BLOCKED_M - 0.01, left=0.5, right=0.6), 1) is None
+    assert patrol_turn(free(BLOCKED_M - 0.01, left=0.5, right=0.5), 0) is None
 
 
 def test_a_patrol_on_a_plane_stays_between_four_walls() -> None:

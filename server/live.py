@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import json
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -23,9 +24,11 @@ from snakeslam.runtime.spec import SessionSpec
 from snakeslam.runtime.topics import (
     BackUp,
     Command,
+    ControlPlayback,
     Ended,
     EStop,
     Event,
+    Opening,
     Report,
     ResetEStop,
     Restarting,
@@ -53,9 +56,13 @@ class Path3:
     _texts: list[str] = field(default_factory=list)
     _every: int = 1
     _count: int = 0
+    _newest_s: float = -math.inf
 
     def add(self, t_s: float, T_WI: Float) -> None:
-        """Append a position, if it is its turn."""
+        """Append a position, if it is its turn and newer than those that are known."""
+        if t_s <= self._newest_s:
+            return  # A recording that is looked at again.
+        self._newest_s = t_s
         self._count += 1
         if self._count % self._every:
             return
@@ -78,6 +85,8 @@ class View:
     kind: Literal["sim", "recording"]
     name: str
     config: Config
+    number: int = 0
+    """Counts the sessions of this server: another number, another session."""
     phase: Phase = "starting"
     message: str | None = None
     started: Started | None = None
@@ -122,12 +131,14 @@ class View:
         self.started = started
 
     def _take_tick(self, tick: Tick) -> None:
-        if self.tick is None or tick.t_ns > self.tick.t_ns:
-            for path, T in ((self.estimate, tick.T_WI), (self.truth, tick.T_WI_truth)):
-                if T is not None:
-                    path.add(self.t_s(tick.t_ns), T)
-            self._take_new_map(tick)
+        for path, T in ((self.estimate, tick.T_WI), (self.truth, tick.T_WI_truth)):
+            if T is not None:
+                path.add(self.t_s(tick.t_ns), T)
+        if tick.playback is None or tick.playback.position_s == tick.playback.computed_s:
+            self._take_new_map(tick)  # Not where a recording is looked at again.
         self.tick = tick
+        if tick.playback is not None and self.phase in ("running", "ended"):
+            self.phase = "ended" if tick.playback.at_end else "running"
 
     def _take_new_map(self, tick: Tick) -> None:
         """Keep the path in a map that is not connected; once it is, its positions were moved with the map."""
@@ -166,7 +177,8 @@ class Live:
         """End the session that runs and start another; a latched E-stop stays latched."""
         async with self._starting:
             await self.stop()
-            self.view = View(kind, name, spec.config)
+            self.view = View(kind, name, spec.config, number=self.view.number + 1)
+            self._tell(Opening())
             self._tell(Event(0, "info", f"starting {name}"))
             spec = replace(spec, estop_reason=self._estop_reason)
             self._child = child = _Child(self._host_for(spec), self._report)
@@ -187,6 +199,15 @@ class Live:
             raise Problem(HTTPStatus.CONFLICT, "no session is running; start the simulator first")
         if self.view.phase == "starting":
             raise Problem(HTTPStatus.CONFLICT, "the session is still starting; try again in a moment")
+        await self._send(child, command)
+
+    async def control_playback(self, command: ControlPlayback) -> None:
+        """Control how the recording plays, also after its end; Problem where none is open."""
+        child = self._child
+        if child is None or self.view.kind != "recording" or self.view.phase == "failed":
+            raise Problem(HTTPStatus.CONFLICT, "no recording is open; POST /recordings/{id}/play opens one")
+        if self.view.phase == "starting":
+            raise Problem(HTTPStatus.CONFLICT, "the recording is still being opened; try again in a moment")
         await self._send(child, command)
 
     async def _send(self, child: "_Child", command: Command) -> None:

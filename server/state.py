@@ -15,7 +15,7 @@ from snakeslam.head.settings import HeadSettings
 from snakeslam.messages import Float, GaitCommand, Health, Verdict
 from snakeslam.robot.model import snake_model
 from snakeslam.runtime.governor import Governed
-from snakeslam.runtime.topics import Event, Features, HeadMotion, Picture, Tick
+from snakeslam.runtime.topics import Event, Features, HeadMotion, Picture, PlaybackState, Tick
 
 FRAME = b"\x01"
 Json = dict[str, Any]
@@ -70,8 +70,20 @@ def state_json(live: Live, desk: Desk) -> Json:
         "health": _health_json(Health(Verdict.INITIALISING) if tick is None else tick.health),
         "realtime_factor": _round(None if tick is None else tick.realtime_factor, 3),
         "session": view.phase,
+        "session_number": view.number,
         "message": view.message,
+        "playback": None if tick is None else playback_json(tick.playback),
     }
+
+
+def playback_json(playback: PlaybackState | None) -> Json | None:
+    """How a recording plays; None for a robot."""
+    return None if playback is None else {key: _rounded(value) for key, value in asdict(playback).items()}
+
+
+def _rounded(value: float) -> float:
+    """Cut a time off at 0.1 ms; a flag or a count stays what it is."""
+    return round(value, 4) if isinstance(value, float) else value
 
 
 def _robot_json(view: View) -> Json:
@@ -103,6 +115,7 @@ def tick_json(view: View, tick: Tick) -> Json:
         "distance_m": _round(tick.distance_m, 4),
         "map_points": tick.map_points,
         "body": body_json(view, tick),
+        "playback": playback_json(tick.playback),
     }
 
 

@@ -14,13 +14,13 @@ from server.live import Live, View
 from server.metrics import Metrics
 from server.state import event_json, features_json, picture_bytes, state_json, tick_json
 from snakeslam.messages import MapChunk
-from snakeslam.runtime.topics import Ended, Event, Features, Picture, Report, Started, Tick
+from snakeslam.runtime.topics import Ended, Event, Features, Opening, Picture, Report, Started, Tick
 
 MAX_EVENTS = 100
 STALLED_S = 15.0
 PING = re.compile(r'\{"type":"ping","t_ms":(\d{1,15}(?:\.\d{1,9})?)\}')
 # What changes at every tick is no news of its own.
-NOT_NEWS = ("t_s", "realtime_factor", "health", "head")
+NOT_NEWS = ("t_s", "realtime_factor", "health", "head", "playback")
 
 
 class Client:
@@ -38,6 +38,10 @@ class Client:
             self._metrics.dropped.labels(kind).inc()
         self._newest[kind] = message
         self._changed.set()
+
+    def forget(self) -> None:
+        """Drop what has not been sent of a session that is over, except for words."""
+        self._newest.clear()
 
     def put_event(self, message: str) -> None:
         """Queue words for the timeline."""
@@ -98,6 +102,9 @@ class Telemetry:
         if isinstance(report, Tick):
             self._metrics.on_tick(report)
             self._broadcast("tick", json.dumps(tick_json(view, report), separators=(",", ":")))
+        elif isinstance(report, Opening):
+            for client in self._clients:
+                client.forget()
         elif isinstance(report, Picture):
             self._metrics.pictures.inc()
             if self._clients:
@@ -111,7 +118,7 @@ class Telemetry:
             level = "info" if report.error is None else "error"
             self.say(level, text)
         self._metrics.on_phase(view.phase)
-        if isinstance(report, Started | Ended | Event) or self._has_news(report):
+        if isinstance(report, Opening | Started | Ended | Event) or self._has_news(report):
             self.tell_state()
 
     def _has_news(self, report: Report) -> bool:

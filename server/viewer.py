@@ -16,7 +16,7 @@ from server.viewer_host import start_viser, stop_viser
 from snakeslam.geometry import so3
 from snakeslam.mapping.detail import coarse_to_fine
 from snakeslam.messages import Float, MapChunk
-from snakeslam.runtime.topics import Picture, Report, RobotShape, Started, Tick
+from snakeslam.runtime.topics import Opening, Picture, Report, RobotShape, Started, Tick
 
 RATE_HZ = 15.0
 PATH_RATE_HZ = 2.0
@@ -252,8 +252,8 @@ class Viewer:
         """Take a report of the session."""
         with self._lock:
             self._view = view
-            if isinstance(report, Started):
-                self._wanted, self._fresh = report, True
+            if isinstance(report, Started | Opening):
+                self._wanted, self._fresh = report if isinstance(report, Started) else None, True
                 self._tick = self._picture = None
                 self._chunks.clear()
             elif isinstance(report, Tick):

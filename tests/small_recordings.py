@@ -5,6 +5,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from snakeslam.recording.tum_writer import TumWriter
+from tests.server.still_robot import StillRobot
+
 EUROC_START_NS = 1_403_715_285_262_142_976
 TUM_START = "1305031229"
 WIDTH, HEIGHT = 64, 48
@@ -106,4 +109,15 @@ def write_tum(folder: Path, frames: int = 4, calibrated: bool = True, imu: bool 
         start_ns = int(TUM_START) * 10**9
         rows = "".join(f"{start_ns + 5_000_000 * k},0,0,0.5,0,0,9.81\n" for k in range(10 * frames))
         (folder / "imu.csv").write_text(f"t_ns,gx,gy,gz,ax,ay,az\n{rows}")
+    return folder
+
+
+def write_robot(folder: Path, seconds: float = 2.0) -> Path:
+    """Write what the sensors of a robot at rest gave: RGB-D at 20 Hz, IMU and joints at 100 Hz, and the truth."""
+    robot = StillRobot(end_s=seconds)
+    writer = TumWriter(folder, robot.rig, robot.model, seed=3)
+    while (packets := robot.step(None)) is not None:
+        for packet in packets:
+            writer.add(packet)
+    writer.finish(robot.take_ground_truth())
     return folder

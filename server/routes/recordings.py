@@ -2,7 +2,7 @@
 
 from dataclasses import replace
 from http import HTTPStatus
-from typing import Any
+from typing import Annotated, Any
 
 from fastapi import APIRouter
 from pydantic import BaseModel, ConfigDict, Field
@@ -11,9 +11,12 @@ from server.deps import Rooms, Who
 from server.problem import Problem
 from server.recordings import printable, recording_json
 from server.runs import Scalar, checked_overrides
+from server.state import playback_json
 from snakeslam.config import override_config
 from snakeslam.estimation.settings import Mode
+from snakeslam.runtime.topics import ControlPlayback
 
+SLOWEST, FASTEST = 0.1, 16.0
 router = APIRouter(tags=["source"])
 
 
@@ -54,6 +57,39 @@ async def play(recording_id: str, house: Rooms, who: Who, request: PlayRequest |
     await house.live.start(spec, "recording", printable(summary.name))
     house.telemetry.tell_state()
     return house.state()
+
+
+class PlaybackRequest(BaseModel):
+    """PUT /playback: what is left out stays as it is."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True)
+
+    paused: Annotated[bool, Field(strict=True)] | None = None
+    """Playing at the end begins anew."""
+    speed: Annotated[float, Field(ge=SLOWEST, le=FASTEST)] | None = None
+    """A multiple of real time; the machine may be slower."""
+    position_s: Annotated[float, Field(ge=0)] | None = None
+    """Seconds from the first frame; past the end it is the last frame. What is ahead has to be computed on the way."""
+    step: Annotated[int, Field(strict=True, ge=-1000, le=1000)] = 0
+    """So many frames on (negative: back), then paused."""
+
+
+@router.get("/playback")
+async def get_playback(house: Rooms) -> dict[str, Any]:
+    """How the recording that is open plays."""
+    tick = house.live.view.tick
+    playback = None if tick is None else playback_json(tick.playback)
+    if playback is None:
+        raise Problem(HTTPStatus.CONFLICT, "no recording is open; POST /recordings/{id}/play opens one")
+    return playback
+
+
+@router.put("/playback")
+async def put_playback(house: Rooms, who: Who, request: PlaybackRequest) -> dict[str, Any]:
+    """Pause, seek, step through, or change the speed of the recording that is open. Needs control."""
+    house.need_control(who)
+    await house.live.control_playback(ControlPlayback(**request.model_dump()))
+    return await get_playback(house)
 
 
 @router.post("/sim/start")

@@ -1,41 +1,55 @@
-"""The session of a recording: one child process that plays it at its own pace.
+"""The session of a recording: one child process that plays it, at real time or as the operator asks (``playback``).
 
-A recording has nothing to protect and nothing to lose: slam waits for every picture. The host starts it with a
-``SessionSpec`` and talks to it over a pipe (``topics``); it ends with its host. A robot runs in ``robot_node`` and
-``slam_node`` instead.
+A recording has nothing to protect and nothing to lose: slam waits for every image. The host starts it with a
+``SessionSpec`` and talks to it over a pipe (``topics``); it ends with its host. At its end it stays, so that it can be
+looked at again. A robot runs in ``robot_node`` and ``slam_node`` instead.
 """
 
 import multiprocessing
 import signal
+from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from time import monotonic
 
-from snakeslam.backends.base import Backend
 from snakeslam.backends.replay.backend import ReplayBackend
 from snakeslam.config import Config
 from snakeslam.errors import SnakeslamError
 from snakeslam.messages import CameraFrame, Float, JointState, JointTarget, Packet
 from snakeslam.runtime import compose
-from snakeslam.runtime.assembly import build_backend, build_slam, mode_for
-from snakeslam.runtime.live import LiveSink
+from snakeslam.runtime.assembly import build_slam, mode_for
+from snakeslam.runtime.live import PERIOD_S, LiveSink
 from snakeslam.runtime.lockstep import Loop
 from snakeslam.runtime.outbox import Outbox
-from snakeslam.runtime.pacing import Pacer
-from snakeslam.runtime.pictures import Pictures
+from snakeslam.runtime.pictures import picture_of
+from snakeslam.runtime.playback import MOMENTS_KEPT, Moment, Player
 from snakeslam.runtime.priority import go_along
 from snakeslam.runtime.sensor_watch import SensorWatch
 from snakeslam.runtime.spec import SessionSpec
-from snakeslam.runtime.topics import Answer, Command, Ended, Event, Report, RobotState, Shutdown
+from snakeslam.runtime.topics import (
+    Answer,
+    Command,
+    ControlPlayback,
+    Ended,
+    Event,
+    Features,
+    Report,
+    RobotState,
+    Shutdown,
+)
 from snakeslam.threads import use_one_thread
+
+IDLE_S = 0.25
+"""How often a recording that is paused, or at its end, says so."""
 
 
 class _Sink(LiveSink):
-    """Keeps the measured angles too, which otherwise the robot tells of, and shows the pictures."""
+    """Keeps the newest joint angles, which otherwise the robot reports, and the newest frame."""
 
     q_measured_rad: Float | None = None
-    pictures: Pictures
+    frame: CameraFrame | None = None
     watch: SensorWatch
 
     def on_packet(self, packet: Packet) -> None:
@@ -44,7 +58,7 @@ class _Sink(LiveSink):
         if isinstance(packet, JointState):
             self.q_measured_rad = packet.q_rad
         elif isinstance(packet, CameraFrame):
-            self.pictures.show(packet)
+            self.frame = packet
 
     def on_target(self, target: JointTarget) -> None:
         raise AssertionError(f"a recording takes no target: {target}")
@@ -54,44 +68,59 @@ class Session:
     """The loop over a recording, in the child; no process or pipe in sight."""
 
     def __init__(self, spec: SessionSpec, put: Callable[[Report], None]) -> None:
+        assert spec.recording is not None
         self._put = put
-        self.backend = spec.build(spec) if spec.build is not None else build_backend(spec.config, spec.recording)
-        self._done = 0
-        self._pacer = Pacer()
+        self.backend = ReplayBackend(spec.recording, spec.config.replay)
         config = _with_estimator_mode(spec, self.backend)
         self._mode = config.estimator.mode
         # The visual estimator starts level with its camera, however that is held.
         R_IC = self.backend.rig.cam0.T_IC[:3, :3]
-        self._sink = _Sink(self.backend.model, put, R_IC, gravity_known=self._mode != "visual")
-        self._sink.pictures = Pictures(put)
+        self._sink = _Sink(self.backend.model, self._on_report, R_IC, gravity_known=self._mode != "visual")
         self._sink.watch = SensorWatch.of(self.backend.rig, self._mode, joints=self.backend.model is not None)
         self._loop = Loop(self.backend, None, build_slam(config, self.backend), self._sink)
+        self._player = Player(self.backend.frame_stamps_ns)
+        self._moments: deque[Moment] = deque(maxlen=MOMENTS_KEPT)
+        self._shown: Moment | None = None
+        self._features: Features | None = None
+        self._done, self._reported_s = 0, 0.0
+        self._end_reported = False
         put(compose.started(self.backend.t_ns, self._mode, self.backend.rig, self.backend.model, None))
-        for note in self.backend.notes if isinstance(self.backend, ReplayBackend) else ():
+        for note in self.backend.notes:
             put(Event(self.backend.t_ns, "warning", note))
 
     def take(self, command: Command) -> None:
-        """Answer a command: there is nothing here that could obey."""
-        del command
+        """Control the playback; there is nothing else here that could be commanded."""
         self._done += 1
+        if isinstance(command, ControlPlayback):
+            self._player.control(command)
+            self._end_reported = self._end_reported and self._player.at_end
         self.report()
 
-    def step(self) -> float | None:
-        """Advance one step; return the seconds to wait for real time, None at the end."""
-        if not self._loop.step():
-            self.report()
-            return None
-        if self._sink.due():
-            self.report()
-        return self._pacer.wait_s(self.backend.t_ns)
+    def step(self) -> float:
+        """Show the next frame if there is one; return the seconds until the one after it."""
+        k = self._player.next()
+        if k is None:
+            return self._idle()
+        if k > self._player.computed:
+            frame = self._compute()
+        else:
+            frame, self._shown = self.backend.read_frame(k), self._moments[k - self._player.oldest]
+        self._player.on_shown(k)
+        self._player.oldest = self._player.computed + 1 - len(self._moments)
+        # On the way to the frame that was asked for, and at a high speed, not every frame is drawn.
+        if self._player.next() is None or monotonic() - self._reported_s >= PERIOD_S:
+            self._show(frame)
+        return self._player.wait_s()
 
     def report(self) -> None:
         """Send a tick now."""
+        self._reported_s = monotonic()
+        shown = self._shown
         robot = RobotState(
             boot="",
             stamp_ns=0,
             t_start_ns=0,
-            t_ns=self.backend.t_ns,
+            t_ns=self.backend.t_ns if shown is None else shown.t_ns,
             moving=False,
             estop_reason=None,
             held_because=None,
@@ -99,20 +128,55 @@ class Session:
             head_settings=None,
             notice=None,
             period_s=None,
-            realtime_factor=self._pacer.realtime_factor,
+            realtime_factor=self._player.pace,
             q_target_rad=None,
-            q_measured_rad=self._sink.q_measured_rad,
+            q_measured_rad=None if shown is None else shown.q_measured_rad,
             answers=(Answer("", self._done),),
         )
-        self._put(compose.tick(robot, self._sink.state("", self._mode, self._sink.watch.faults()), ""))
+        slam = None if shown is None else shown.full_state(self.backend.model)
+        self._put(replace(compose.tick(robot, slam, ""), playback=self._player.state()))
+
+    def _compute(self) -> CameraFrame:
+        """Run the estimator through the packets up to the next frame, and keep what it says of it."""
+        self._sink.frame = None
+        while self._sink.frame is None:
+            if not self._loop.step():
+                raise SnakeslamError("the recording ended before its last frame")
+        if self._player.computed + 2 == self._player.count:
+            self._loop.step()  # The end: the ground truth of the last frame comes with it.
+        assert self._features is not None
+        state = self._sink.state("", self._mode, self._sink.watch.faults())
+        self._shown = Moment.of(state, self._sink.q_measured_rad, self._features)
+        self._moments.append(self._shown)
+        return self._sink.frame
+
+    def _show(self, frame: CameraFrame) -> None:
+        """Send the frame's image, its features and a tick."""
+        assert self._shown is not None
+        self._put(picture_of(frame))
+        self._put(self._shown.features())
+        self.report()
+
+    def _idle(self) -> float:
+        """Say now and then that all stands still, and once that the end has come."""
+        if monotonic() - self._reported_s >= IDLE_S:
+            self.report()
+        if self._player.at_end and not self._end_reported:
+            self._end_reported = True
+            self.report()
+            self._put(Ended(None))
+        return IDLE_S
+
+    def _on_report(self, report: Report) -> None:
+        """Pass on what the sink says; features are shown with their frame."""
+        if isinstance(report, Features):
+            self._features = report
+        else:
+            self._put(report)
 
 
-def _with_estimator_mode(spec: SessionSpec, backend: Backend) -> Config:
-    mode = spec.estimator_mode
-    if mode is None and spec.recording is not None:
-        mode = mode_for(backend)
-    if mode is None:
-        return spec.config
+def _with_estimator_mode(spec: SessionSpec, backend: ReplayBackend) -> Config:
+    mode = mode_for(backend) if spec.estimator_mode is None else spec.estimator_mode
     return spec.config.model_copy(update={"estimator": spec.config.estimator.model_copy(update={"mode": mode})})
 
 
@@ -136,11 +200,9 @@ def run_session(spec: SessionSpec, pipe: "Connection[Report, Command]") -> None:
 
 def _run(spec: SessionSpec, pipe: "Connection[Report, Command]", outbox: Outbox) -> None:
     session = Session(spec, outbox.put)
-    wait_s: float | None = 0.0
+    wait_s = 0.0
     try:
-        while wait_s is not None and not outbox.broken:
-            if not _obey(session, pipe, wait_s):
-                break
+        while not outbox.broken and _obey(session, pipe, wait_s):
             wait_s = session.step()
     finally:
         session.backend.close()
@@ -156,6 +218,7 @@ def _obey(session: Session, pipe: "Connection[Report, Command]", wait_s: float) 
             if isinstance(command, Shutdown):
                 return False
             session.take(command)
+            until = monotonic()
     except (EOFError, OSError):
         return False  # The host is gone.
     return True

@@ -65,11 +65,25 @@ class ResetEStop:
 
 
 @dataclass(frozen=True, slots=True)
+class ControlPlayback:
+    """Change how a recording plays; what is None stays as it is.
+
+    ``speed`` is a multiple of real time, ``position_s`` counts from the first frame, ``step`` moves by so many frames
+    (negative: back) and pauses.
+    """
+
+    paused: bool | None = None
+    speed: float | None = None
+    position_s: float | None = None
+    step: int = 0
+
+
+@dataclass(frozen=True, slots=True)
 class Shutdown:
     """End the session."""
 
 
-Command = SetGait | SetHead | Start | BackUp | Stop | Drive | EStop | ResetEStop | Shutdown
+Command = SetGait | SetHead | Start | BackUp | Stop | Drive | EStop | ResetEStop | ControlPlayback | Shutdown
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,6 +188,24 @@ class SlamState:
 
 
 @dataclass(frozen=True, slots=True)
+class PlaybackState:
+    """How a recording plays; times in seconds from its first frame.
+
+    ``computed_s`` is how far the estimator has come, ``seeking`` whether it is on its way to a requested frame,
+    ``seeks`` counts the jumps, so that curves over time are not drawn across one.
+    """
+
+    paused: bool
+    speed: float
+    position_s: float
+    computed_s: float
+    duration_s: float
+    seeking: bool
+    at_end: bool
+    seeks: int
+
+
+@dataclass(frozen=True, slots=True)
 class Tick:
     """The newest state, at most 20 times a second; ``commands_done`` counts the commands taken so far.
 
@@ -182,7 +214,8 @@ class Tick:
     head is, ``head_settings`` how it is held, ``notice`` what the operator should know of the gait, ``refusals`` the
     last commands that were not obeyed, ``governed`` the pace that the governor allows, None where it is off,
     ``held_because`` why the robot is held until somebody starts it again, ``back_up_offered`` whether it was stopped
-    because it saw nothing, and may be backed up.
+    because it saw nothing, and may be backed up, ``playback`` how a recording
+    plays, None for a robot.
     """
 
     t_ns: int
@@ -208,6 +241,7 @@ class Tick:
     governed: Governed | None = None
     held_because: str | None = None
     back_up_offered: bool = False
+    playback: PlaybackState | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -244,6 +278,11 @@ class Event:
 
 
 @dataclass(frozen=True, slots=True)
+class Opening:
+    """Another source is being opened: nothing that was shown before belongs to it."""
+
+
+@dataclass(frozen=True, slots=True)
 class Restarting:
     """The robot node has died and is started anew: a new session begins with the next ``Started``."""
 
@@ -264,7 +303,7 @@ class Ended:
     error: str | None
 
 
-Report = Started | Tick | Picture | Features | MapChunk | Event | Restarting | Silence | Ended
+Report = Opening | Started | Tick | Picture | Features | MapChunk | Event | Restarting | Silence | Ended
 
 T_co = TypeVar("T_co", covariant=True)
 Policy = Literal["lossless", "newest", "urgent"]

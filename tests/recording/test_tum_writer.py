@@ -26,7 +26,7 @@ from snakeslam.recording.tum_writer import TumWriter, depth_units
 from snakeslam.robot.model import PRESETS
 from snakeslam.runtime.session import Session
 from snakeslam.runtime.spec import SessionSpec
-from snakeslam.runtime.topics import Report, Start, Started, Tick
+from snakeslam.runtime.topics import Ended, Report, Start, Started, Tick
 from tests.small_recordings import write_tum
 
 MODEL = PRESETS["orthogonal24"]
@@ -141,8 +141,8 @@ def test_the_live_view_plays_it_with_its_robot_which_nothing_moves(tmp_path: Pat
     assert started.robot is not None
     assert (started.robot.model, started.gait, started.estimator_mode) == ("orthogonal24", None, "fused")
     session.take(Start())
-    while session.step() is not None:
-        pass
+    while not any(isinstance(report, Ended) for report in reports):
+        session.step()
     tick = next(report for report in reversed(reports) if isinstance(report, Tick))
     assert not tick.moving
     assert tick.q_target_rad is None
@@ -157,8 +157,8 @@ def test_the_live_view_takes_every_mode_where_its_sensors_are(tmp_path: Path, mo
     session = Session(SessionSpec(load_config(), recording=folder, estimator_mode=mode), reports.append)
     assert isinstance(reports[0], Started)
     assert reports[0].estimator_mode == mode
-    while session.step() is not None:
-        pass
+    while not any(isinstance(report, Ended) for report in reports):
+        session.step()
     spec = SessionSpec(load_config(), recording=write_tum(tmp_path / "camera"), estimator_mode=mode)
     if mode == "visual":
         Session(spec, reports.append)

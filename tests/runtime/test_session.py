@@ -3,11 +3,12 @@
 import os
 import signal
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 import pytest
@@ -19,25 +20,44 @@ from snakeslam.robot.model import RobotSettings
 from snakeslam.runtime.live import TruthView
 from snakeslam.runtime.session import Session, start_session
 from snakeslam.runtime.spec import SessionSpec
-from snakeslam.runtime.topics import (
-    Ended,
-    Features,
-    Picture,
-    Report,
-    Shutdown,
-    Started,
-    Stop,
-    Tick,
-)
-from tests.server.still_robot import BREAKS, ENDS, still_robot
+from snakeslam.runtime.topics import ControlPlayback, Ended, Features, Picture, Report, Shutdown, Started, Stop, Tick
+from tests.small_recordings import write_robot
 
+Kind = TypeVar("Kind")
 CONFIG = Config(robot=RobotSettings(model="orthogonal24"))
-SPEC = SessionSpec(CONFIG, build=still_robot)
 
 
-def test_it_starts_with_what_there_is_to_draw() -> None:
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_robot(tmp_path_factory.mktemp("recording") / "sensors")
+
+
+@pytest.fixture(scope="module")
+def spec(recording: Path) -> SessionSpec:
+    return SessionSpec(CONFIG, recording=recording)
+
+
+def last(reports: list[Report], kind: type[Kind]) -> Kind:
+    return next(report for report in reversed(reports) if isinstance(report, kind))
+
+
+def play_until(session: Session, reports: list[Report], condition: Callable[[Tick], bool]) -> Tick:
+    """Play without waiting for real time, which only the caller of a session does."""
+    for _ in range(10_000):
+        session.step()
+        if any(isinstance(report, Tick) for report in reports) and condition(tick := last(reports, Tick)):
+            return tick
+    raise AssertionError("it did not come")
+
+
+def position_s(tick: Tick) -> float:
+    assert tick.playback is not None
+    return tick.playback.position_s
+
+
+def test_it_starts_with_what_there_is_to_draw(spec: SessionSpec) -> None:
     reports: list[Report] = []
-    Session(SPEC, reports.append)
+    Session(spec, reports.append)
     started = reports[0]
     assert isinstance(started, Started)
     assert started.robot is not None
@@ -46,25 +66,59 @@ def test_it_starts_with_what_there_is_to_draw() -> None:
     assert started.fov_y_rad == pytest.approx(2 * np.arctan(0.5))
 
 
-def test_links_hang_on_the_estimate() -> None:
+def test_links_hang_on_the_estimate(spec: SessionSpec) -> None:
     reports: list[Report] = []
-    session = Session(SPEC, reports.append)
-    for _ in range(30):
-        session.step()
-    session.report()
-    tick = reports[-1]
-    assert isinstance(tick, Tick)
+    session = Session(spec, reports.append)
+    tick = play_until(session, reports, lambda tick: tick.T_WI is not None and tick.map_points > 0)
     assert tick.T_WI is not None
     assert tick.Ts_WL is not None
     model = session.backend.model
     assert model is not None
     assert np.allclose(tick.Ts_WL[-1] @ model.T_HI, tick.T_WI, atol=1e-9)
-    assert tick.map_points > 0
+
+
+def test_seeking_back_shows_what_was_computed_and_the_end_is_no_end(spec: SessionSpec) -> None:
+    reports: list[Report] = []
+    session = Session(spec, reports.append)
+    session.take(ControlPlayback(paused=True, position_s=1.0))
+    first = play_until(session, reports, lambda tick: position_s(tick) == 1.0)
+    features = last(reports, Features)
+    session.take(ControlPlayback(paused=False))
+    end = play_until(session, reports, lambda tick: tick.playback is not None and tick.playback.at_end)
+    session.step()
+    assert last(reports, Ended) == Ended(None)
+    session.take(ControlPlayback(paused=True, position_s=1.0))
+    again = play_until(session, reports, lambda tick: position_s(tick) == 1.0)
+    assert again.T_WI is not None
+    assert first.T_WI is not None
+    assert end.T_WI is not None
+    assert np.array_equal(again.T_WI, first.T_WI)
+    assert not np.array_equal(again.T_WI, end.T_WI)
+    assert (again.t_ns, again.health) == (first.t_ns, first.health)
+    assert last(reports, Features) == features
+    assert last(reports, Picture).t_ns == again.t_ns
+    session.take(ControlPlayback(step=-1))
+    play_until(session, reports, lambda tick: position_s(tick) == pytest.approx(0.95))
+
+
+def test_seeking_does_not_change_what_is_estimated(spec: SessionSpec) -> None:
+    poses: list[np.ndarray] = []
+    for positions_s in ((), (0.7, 0.2, 1.5, 0.1)):
+        reports: list[Report] = []
+        session = Session(spec, reports.append)
+        for goal_s in positions_s:
+            session.take(ControlPlayback(position_s=goal_s))
+            play_until(session, reports, lambda tick: tick.playback is not None and not tick.playback.seeking)
+        session.take(ControlPlayback(position_s=100.0))
+        tick = play_until(session, reports, lambda tick: tick.playback is not None and tick.playback.at_end)
+        assert tick.T_WI is not None
+        poses.append(tick.T_WI)
+    assert np.array_equal(*poses)
 
 
 @pytest.fixture
-def child() -> Iterator[tuple[BaseProcess, Connection]]:
-    process, pipe = start_session(SPEC)
+def child(spec: SessionSpec) -> Iterator[tuple[BaseProcess, Connection]]:
+    process, pipe = start_session(spec)
     yield process, pipe
     pipe.close()
     process.join(10)
@@ -119,23 +173,25 @@ def test_a_reader_that_sleeps_does_not_stop_the_loop(child: tuple[BaseProcess, C
     read_until(pipe, Ended)
 
 
-def failing(seed: int) -> SessionSpec:
-    return replace(SPEC, config=CONFIG.model_copy(update={"run": CONFIG.run.model_copy(update={"seed": seed})}))
+def test_a_recording_that_is_not_there_is_the_last_word(spec: SessionSpec) -> None:
+    process, pipe = start_session(replace(spec, recording=Path("nowhere")))
+    ended = read_until(pipe, Ended)[-1]
+    assert isinstance(ended, Ended)
+    assert (ended.error or "").startswith("nowhere: no such recording")
+    process.join(10)
+    pipe.close()
+    process.close()
 
 
-@pytest.mark.parametrize(
-    ("spec", "error"),
-    [
-        (failing(BREAKS), "RuntimeError: the fake robot broke"),
-        (failing(ENDS), None),
-        (replace(SPEC, build=None, recording=Path("nowhere")), "nowhere: no such recording"),
-    ],
-)
-def test_the_last_word_says_how_it_ended(spec: SessionSpec, error: str | None) -> None:
-    process, pipe = start_session(spec)
-    last = read_until(pipe, Ended)[-1]
-    assert isinstance(last, Ended)
-    assert last.error == error or (error is not None and last.error is not None and last.error.startswith(error))
+def test_an_image_that_vanishes_while_it_plays_is_the_last_word(spec: SessionSpec, tmp_path: Path) -> None:
+    folder = write_robot(tmp_path / "sensors", 20.0)
+    process, pipe = start_session(replace(spec, recording=folder))
+    read_until(pipe, Tick)
+    for image in (folder / "rgb").iterdir():
+        image.unlink()
+    ended = read_until(pipe, Ended)[-1]
+    assert isinstance(ended, Ended)
+    assert str(folder / "rgb") in (ended.error or "")
     process.join(10)
     pipe.close()
     process.close()

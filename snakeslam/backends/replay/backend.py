@@ -5,7 +5,7 @@ from pathlib import Path
 
 from snakeslam.calibration import SensorRig
 from snakeslam.errors import InputError
-from snakeslam.messages import GroundTruth, JointTarget, Packet
+from snakeslam.messages import CameraFrame, GroundTruth, JointTarget, Packet
 from snakeslam.recording.datasets import open_recording
 from snakeslam.recording.settings import ReplaySettings
 from snakeslam.robot.model import SnakeModel
@@ -24,6 +24,7 @@ class ReplayBackend:
             length_s = (frames[-1].t_ns - first_ns) / 1e9
             raise InputError("replay.start_s", f"{settings.start_s:g} is past the end", f"less than {length_s:.3f} s")
         self._packets = self.recording.packets(start_ns)
+        self._first_frame = next(k for k, frame in enumerate(frames) if frame.t_ns >= start_ns)
         self._truth = [truth for truth in self.recording.truth if truth.t_ns >= start_ns]
         self._taken = 0
         self._ended = False
@@ -54,6 +55,15 @@ class ReplayBackend:
     def end_ns(self) -> int:
         """Stamp of the last packet."""
         return self.recording.frames[-1].t_ns
+
+    @property
+    def frame_stamps_ns(self) -> list[int]:
+        """Stamps of the camera frames that are played, in order."""
+        return [frame.t_ns for frame in self.recording.frames[self._first_frame :]]
+
+    def read_frame(self, k: int) -> CameraFrame:
+        """Return the ``k``-th of the frames that are played, from disk; InputError names a damaged file."""
+        return self.recording.read_frame(self._first_frame + k)
 
     def step(self, target: JointTarget | None) -> Sequence[Packet] | None:
         """Return the next packet, or None at the end; a target has nothing to move here."""

@@ -29,7 +29,7 @@ CONFIG = Config(robot=RobotSettings(model="orthogonal24"))
 
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_robot(tmp_path_factory.mktemp("recording") / "sensors")
+    return write_robot(tmp_path_factory.mktemp("recording") / "sensors", 6.0)
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,6 @@
 // The typed client of /api/v1: every refusal becomes one clear line.
 
-import type { ClearanceAnswer, GaitAnswer, GaitRequest, HeadAnswer, HeadRequest, Lease, Overrides, Recording, RobotState, Role, Run, RunRequest } from "./types";
+import type { ClearanceAnswer, GaitAnswer, GaitRequest, HeadAnswer, HeadRequest, Lease, Overrides, Playback, PlaybackRequest, Recording, RobotState, Role, Run, RunRequest } from "./types";
 
 const PREFIX = "/api/v1";
 const TIMEOUT_MS = 10_000;
@@ -74,6 +74,7 @@ export const api = {
   // Without a mode the server takes the one that the recording's sensors allow.
   play: (id: string, mode: string | null) =>
     request<unknown>("POST", `/recordings/${encodeURIComponent(id)}/play`, mode === null ? {} : { mode }, 60_000),
+  playback: (change: PlaybackRequest) => request<Playback>("PUT", "/playback", change),
   startSim: (overrides: Overrides) => request<unknown>("POST", "/sim/start", { overrides }, 60_000),
   runs: () => request<Run[]>("GET", "/runs"),
   submitRun: (run: RunRequest) => request<Run>("POST", "/runs", run),

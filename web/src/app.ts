@@ -37,6 +37,8 @@ export class App {
   readonly redraw = new Redraw();
   /** A telemetry socket has opened: what it sends next repeats what is known. */
   readonly opened = new Channel<void>();
+  /** Another session: what panels show and keep of the one before is void. */
+  readonly cleared = new Channel<void>();
   /** performance.now() of the last message of any kind. */
   lastMessageMs: number | null = null;
 

@@ -27,6 +27,8 @@ const ICONS = {
   play: '<path d="M6 4l10 6-10 6z" fill="currentColor"/>',
   square: '<rect x="5" y="5" width="10" height="10" rx="1.500" fill="currentColor"/>',
   pause: '<path d="M7 5v10M13 5v10"/>',
+  stepBack: '<path d="M14 5l-7 5 7 5z" fill="currentColor"/><path d="M5 5v10"/>',
+  stepAhead: '<path d="M6 5l7 5-7 5z" fill="currentColor"/><path d="M15 5v10"/>',
   octagon: '<path d="M7 2.500h6L17.500 7v6L13 17.500H7L2.500 13V7z" fill="currentColor" stroke="none"/>',
   sun: '<circle cx="10" cy="10" r="3.500"/><path d="M10 2v2M10 16v2M2 10h2M16 10h2M4.300 4.300l1.400 1.400M14.300 14.300l1.400 1.400M15.700 4.300l-1.400 1.400M5.700 14.300l-1.400 1.400"/>',
   moon: '<path d="M16 12.500A7 7 0 0 1 7.500 4a7 7 0 1 0 8.500 8.500z"/>',

@@ -14,13 +14,16 @@ const degrees = (radians: number[]): Float32Array => Float32Array.from(radians, 
 export class JointHistory {
   readonly samples: Sample[] = [];
   joints = 0;
+  private seeks = 0;
 
   constructor(readonly window_s: number) {}
 
-  /** Keep one tick; time that goes back (a new session) or another robot starts afresh. */
+  /** Keep one tick; a jump in time (a new session, a seek) or another robot starts afresh. */
   push(tick: Tick): void {
     const last = this.samples[this.samples.length - 1];
-    if (tick.q_measured.length !== this.joints || (last && tick.t_s < last.t_s)) this.clear();
+    const seeks = tick.playback?.seeks ?? 0;
+    if (tick.q_measured.length !== this.joints || seeks !== this.seeks || (last && tick.t_s < last.t_s)) this.clear();
+    this.seeks = seeks;
     this.joints = tick.q_measured.length;
     if (last && this.samples.length > 0 && tick.t_s === last.t_s) return;
     this.samples.push({ t_s: tick.t_s, target: degrees(tick.q_target), measured: degrees(tick.q_measured) });

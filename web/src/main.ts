@@ -14,6 +14,7 @@ import { mountHead } from "./panels/head";
 import { mountHeadControl } from "./panels/headcontrol";
 import { mountHelp } from "./panels/help";
 import { mountJoints } from "./panels/joints";
+import { mountPlayer } from "./panels/player";
 import { mountParameters } from "./panels/parameters";
 import { mountPatrol } from "./panels/patrol";
 import { mountRuns } from "./panels/runs";
@@ -29,6 +30,7 @@ import "./styles/tokens.css";
 import "./styles/base.css";
 import "./styles/layout.css";
 import "./styles/panels.css";
+import "./styles/player.css";
 
 function start(): void {
   const app = new App();
@@ -58,6 +60,7 @@ function start(): void {
     hands.listen(frame, () => false);
   });
   mountPatrol(app);
+  mountPlayer(app);
   mountCamera(app, telemetry);
   mountEstimator(app);
   mountHead(app);
@@ -80,6 +83,12 @@ function start(): void {
     if (!state || state.source.kind === "recording") return;
     if (robot !== "" && state.robot.model !== robot) void app.loadCatalogue();
     robot = state.robot.model;
+  });
+  let session = -1;
+  app.state.watch((state) => {
+    if (!state || state.session_number === session) return;
+    if (session >= 0) app.cleared.emit();
+    session = state.session_number;
   });
   telemetry.start();
 }

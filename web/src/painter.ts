@@ -32,6 +32,8 @@ export class Painter {
   private busy = false;
   private features: Features | null = null;
   private shownSeq = -1;
+  /** Counts the sessions, so that an image that is still being decoded is not drawn into the next one. */
+  private epoch = 0;
 
   constructor(
     private readonly picture: OffscreenCanvas,
@@ -49,7 +51,7 @@ export class Painter {
     this.features = features;
     if (this.held && this.held.seq <= features.seq) this.draw(this.held);
     // Where a newer picture is on the screen already, they wait for the next: one change of the screen for both.
-    else if (features.seq >= this.shownSeq) this.drawTracks();
+    else if (features.seq >= this.shownSeq || !this.waiting) this.drawTracks();
   }
 
   setLevel(level: boolean): void {
@@ -70,13 +72,24 @@ export class Painter {
     this.drawTracks();
   }
 
+  /** Wipe the image and forget what waits, as another session begins. */
+  clear(): void {
+    this.held = this.waiting = this.features = null;
+    this.shownSeq = -1;
+    this.epoch++;
+    for (const canvas of [this.picture, this.overlay]) canvas.getContext("2d")?.clearRect(0, 0, canvas.width, canvas.height);
+  }
+
   private async drain(): Promise<void> {
     this.busy = true;
     while (this.waiting) {
       const frame = this.waiting;
+      const epoch = this.epoch;
       this.waiting = null;
       try {
-        this.paint(frame, await decode(frame.jpeg));
+        const image = await decode(frame.jpeg);
+        if (epoch === this.epoch) this.paint(frame, image);
+        else image.close();
       } catch (error) {
         console.warn("a camera picture could not be decoded", error);
       }

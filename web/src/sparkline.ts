@@ -22,6 +22,10 @@ export class Sparkline {
     if (this.values.length > this.capacity) this.values.shift();
   }
 
+  clear(): void {
+    this.values.length = 0;
+  }
+
   draw(): void {
     fitCanvas(this.canvas);
     const context = this.canvas.getContext("2d");

@@ -9,7 +9,8 @@ export type ToWorker =
   | { kind: "connect"; url: string }
   | { kind: "draw"; picture: OffscreenCanvas; overlay: OffscreenCanvas }
   | { kind: "mark"; shown: boolean; colours: Colours }
-  | { kind: "level"; level: boolean };
+  | { kind: "level"; level: boolean }
+  | { kind: "clear" };
 
 export type FromWorker =
   | { kind: "open" }

@@ -60,6 +60,7 @@ page.onmessage = ({ data }) => {
   if (data.kind === "connect") connect(data.url);
   else if (data.kind === "draw") draw(data.picture, data.overlay);
   else if (data.kind === "mark") painter?.mark(data.shown, data.colours);
+  else if (data.kind === "clear") painter?.clear();
   else painter?.setLevel(data.level);
 };
 setInterval(ping, PING_EVERY_MS);

@@ -48,6 +48,11 @@ export class Telemetry {
     this.tell({ kind: "level", level });
   }
 
+  /** Wipe the camera's image: it belongs to a session that is over. */
+  clear(): void {
+    this.tell({ kind: "clear" });
+  }
+
   private tell(message: ToWorker, transfer: Transferable[] = []): void {
     this.worker.postMessage(message, transfer);
   }

@@ -116,8 +116,28 @@ export interface RobotState {
   health: Health;
   realtime_factor: number | null;
   session: "running" | "starting" | "ended" | "failed";
+  /** Another number, another session: nothing shown before belongs to it. */
+  session_number: number;
+  playback: Playback | null;
   message: string | null;
 }
+
+/** How a recording plays; seconds count from its first frame. */
+export interface Playback {
+  paused: boolean;
+  speed: number;
+  position_s: number;
+  /** How far the estimator has come; what is ahead has to be computed first. */
+  computed_s: number;
+  duration_s: number;
+  seeking: boolean;
+  at_end: boolean;
+  /** Counts the jumps. */
+  seeks: number;
+}
+
+/** PUT /playback: what is left out stays as it is. */
+export type PlaybackRequest = Partial<Pick<Playback, "paused" | "speed" | "position_s">> & { step?: number };
 
 export interface Tick {
   t_s: number;
@@ -135,6 +155,7 @@ export interface Tick {
   error_m: number | null;
   distance_m: number | null;
   map_points: number;
+  playback: Playback | null;
   /** Null where nothing is known of the body. */
   body: Body | null;
 }
@@ -211,6 +232,13 @@ export interface RunMetrics {
 
 export interface Run {
   id: string;
+  /** What it was: gait and seed, the configuration's name, the world, and when it was asked for (UTC, ISO 8601). */
+  name: string;
+  config: string;
+  gait: string;
+  world: string;
+  seed: number;
+  when: string;
   state: "queued" | "running" | "done" | "failed" | "cancelled" | "interrupted";
   progress: number;
   metrics: RunMetrics | null;

@@ -4,7 +4,7 @@ import type { App } from "../app";
 import { byId, cssColour, h, setText } from "../dom";
 import { age, fixed } from "../format";
 import type { Telemetry } from "../telemetry";
-import type { ShownPicture } from "../types";
+import type { Playback, ShownPicture } from "../types";
 
 const FROZEN_AFTER_MS = 1000;
 
@@ -45,14 +45,26 @@ export function mountCamera(app: App, telemetry: Telemetry): void {
     turned.turn(shown);
     empty.hidden = true;
   });
+  app.cleared.on(() => {
+    shownMs = null;
+    delete picture.dataset["seq"];
+    empty.hidden = false;
+    telemetry.clear();
+  });
   let rateHz: number | null = null;
   app.tick.on((tick) => (rateHz = tick.frame_rate_hz));
   app.redraw.every(200, () => {
     setText(rate, rateHz === null ? "" : `${fixed(rateHz, 1)} Hz`);
     const old = shownMs === null ? 0 : performance.now() - shownMs;
     badge.hidden = old < FROZEN_AFTER_MS;
-    setText(badge, app.state.get()?.session === "ended" ? "Recording has ended" : `Picture is ${age(old)} old`);
+    setText(badge, standing(app.state.get()?.playback ?? null) ?? `Picture is ${age(old)} old`);
   });
+}
+
+/** Why a recording's image stands still; null where it should not. */
+function standing(playback: Playback | null): string | null {
+  if (playback?.at_end) return "Recording has ended";
+  return playback?.paused ? "Paused" : null;
 }
 
 function legend(): HTMLElement {

@@ -45,6 +45,9 @@ export function mountEstimator(app: App): void {
     distance.root,
     governor,
   );
+  app.cleared.on(() => {
+    for (const readout of [tracks, error, distance]) readout.clear();
+  });
   const show = (health: Health) => {
     const apart = !health.map_connected && (health.verdict === "good" || health.verdict === "degraded");
     const shown = apart ? "degraded" : health.verdict;

@@ -33,6 +33,9 @@ export function mountHead(app: App): void {
     sway.setDetail("peak to peak");
     last = head;
   });
+  app.cleared.on(() => {
+    for (const readout of [yaw, rate, sway]) readout.clear();
+  });
   app.redraw.every(200, () => {
     if (!last) return;
     for (const readout of [yaw, rate, sway]) readout.draw();

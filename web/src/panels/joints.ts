@@ -21,6 +21,7 @@ interface Zoom {
 export function mountJoints(app: App): void {
   const panel = new JointsPanel();
   app.tick.on((tick) => panel.history.push(tick));
+  app.cleared.on(() => panel.history.clear());
   app.theme.on(() => panel.rebuild());
   app.redraw.every(REDRAW_MS, () => panel.refresh());
 }

@@ -39,6 +39,13 @@ export class Readout {
     if (value !== undefined) this.trend?.push(value);
   }
 
+  /** Forget the value and its trend. */
+  clear(): void {
+    this.text = "\u2013";
+    this.detailText = "";
+    this.trend?.clear();
+  }
+
   setDetail(text: string): void {
     this.detailText = text;
   }

@@ -88,8 +88,18 @@ export function parseOverrides(text: string): Overrides {
   return overrides;
 }
 
+/** Gait, world, seed and length of a run, its configuration, and when it was asked for in this browser's time. */
+function runFacts({ config, gait, world, seed, when, request }: Run): string {
+  const parts = [gait.replace("_", " "), world, `seed ${seed}`];
+  if (request) parts.push(`${fixed(request.duration_s, 0)} s`);
+  parts.push(config, new Date(when).toLocaleString([], { dateStyle: "short", timeStyle: "short" }));
+  return parts.join(", ");
+}
+
 class Row {
   readonly root = h("tr");
+  private readonly title = h("strong");
+  private readonly facts = h("span", { class: "muted" });
   private readonly state = h("td");
   private readonly bar = h("progress", { max: 1, value: 0 });
   private readonly words = h("span");
@@ -100,10 +110,9 @@ class Row {
 
   constructor(app: App, private readonly id: string) {
     this.cancel.addEventListener("click", () => void app.attempt(() => api.cancelRun(id)).then(() => refreshRuns(app)));
-    this.cancel.setAttribute("aria-label", `Cancel run ${id}`);
     this.bar.setAttribute("aria-label", `Progress of run ${id}`);
     this.state.append(this.words, this.bar);
-    this.root.append(h("td", { class: "num" }, id.slice(0, 8)), this.state, ...this.cells, h("td", {}, this.files), h("td", {}, this.cancel));
+    this.root.append(h("td", {}, h("div", { class: "run-what" }, this.title, this.facts)), this.state, ...this.cells, h("td", {}, this.files), h("td", {}, this.cancel));
     this.root.dataset["run"] = id;
   }
 
@@ -112,6 +121,9 @@ class Row {
     this.bar.hidden = run.state !== "running";
     this.bar.value = run.progress;
     this.cancel.hidden = !active(run);
+    this.cancel.setAttribute("aria-label", `Cancel ${run.name}`);
+    setText(this.title, run.name);
+    setText(this.facts, runFacts(run));
     setText(this.words, run.state === "running" ? `${Math.round(100 * run.progress)} %` : run.state);
     this.words.title = run.error ?? "";
     const m = run.metrics;

@@ -10,6 +10,7 @@ import yaml
 
 from snakeslam.calibration import SensorRig, dump_rig
 from snakeslam.errors import InputError
+from snakeslam.estimation.camera import PinholeCamera
 from snakeslam.geometry import se3
 from snakeslam.recording.datasets.calibration_files import read_rig
 
@@ -248,3 +249,13 @@ def test_a_calibration_that_cannot_be_is_one_line(tmp_path: Path, mistake: str) 
     assert expected in str(caught.value)
     assert str(tmp_path / "rig.yaml") in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("count", [4, 5, 8, 12, 14])
+def test_every_number_of_coefficients_is_undone_by_the_camera(count: int) -> None:
+    values = [-0.1, 0.02, 1e-3, 5e-4, 3e-3, 0.01, -4e-3, 2e-3, 5e-4, -3e-4, 2e-4, 1e-4, 5e-3, -3e-3][:count]
+    camera = PinholeCamera(SensorRig.model_validate(changed("cam0", distortion_coeffs=values)).cam0)
+    xy = np.array([[0.1, 0.2], [-0.5, 0.3], [0.6, -0.4], [0.0, 0.0]])
+    px = camera.distort(xy)
+    assert np.abs(px - (xy * [400.0, 401.0] + [320.0, 240.0])).max() > 1.0
+    np.testing.assert_allclose(camera.normalise(px), xy, atol=1e-5)

@@ -78,7 +78,7 @@ def run_experiment(
         collect_seldom()
         wall_s = turn_loop(loop, config, _end_ns(config, backend, duration_s), progress or (lambda _: None))
         metrics = _evaluate(config, backend, recorder, wall_s)
-        notes = (*_notes(backend, recorder), *_head_notes(config, backend, metrics))
+        notes = (*_head_notes(config, backend, metrics), *_notes(backend, recorder))
         _write(part, config, recording, recorder, metrics, notes)
     return RunResult(new.out, metrics, notes)
 

@@ -8,12 +8,14 @@ from scipy.optimize import brentq, minimize
 from snakeslam.calibration import ImuCalibration
 from snakeslam.estimation.measurements import CameraRows, Observations
 from snakeslam.estimation.preintegration import ImuBuffer, ImuSegments, Preintegrated
-from snakeslam.estimation.start_refine import MIN_TRACKS, Refinement, StartWindow, started
+from snakeslam.estimation.start_refine import MAX_BIAS_G, MIN_TRACKS, Refinement, StartWindow, started
 from snakeslam.estimation.state import State
 from snakeslam.estimation.tracks import TrackTable
 from snakeslam.messages import Float
 
 MIN_TRACK = 4
+MAX_BIAS_ITERATIONS = 40
+"""Ten are usual; a gyro that contradicts the image keeps the search going."""
 
 
 def start_moving(
@@ -37,6 +39,8 @@ def start_moving(
         return None
     try:
         bias_g = _gyro_bias(window)
+        if float(np.linalg.norm(bias_g)) > MAX_BIAS_G:
+            return None
         linear = _velocity_and_gravity(window, window.motions(bias_g, np.zeros(3)))
         if linear is None:
             return None
@@ -86,7 +90,9 @@ def _gyro_bias(window: StartWindow) -> Float:
             total += float(np.linalg.eigvalsh(normals.T @ normals)[0])
         return total
 
-    return np.asarray(minimize(cost, np.zeros(3), method="BFGS", options={"gtol": 1e-9}).x)
+    return np.asarray(
+        minimize(cost, np.zeros(3), method="BFGS", options={"gtol": 1e-9, "maxiter": MAX_BIAS_ITERATIONS}).x
+    )
 
 
 def _velocity_and_gravity(window: StartWindow, pre: list[Preintegrated]) -> tuple[Float, Float] | None:

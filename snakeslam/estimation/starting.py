@@ -172,6 +172,9 @@ class Starter:
         return None if state is None else (SlidingWindow(state, self._settings, self._model), AT_REST)
 
     def _from_motion(self, seen: Seen, imu: ImuBuffer) -> tuple[SlidingWindow, str] | None:
+        if self.waits_long and self._waited_frames % FRAMES_PER_DOUBT:
+            # A search that has failed so often, and takes longest when it fails, is not repeated in each frame.
+            return None
         with_depth = np.count_nonzero(seen.features.depth_m > 0.0) >= ENOUGH_WITH_DEPTH
         if seen.t_ns - self._history[0].t_ns < (MOVING_START_DEPTH_NS if with_depth else MOVING_START_NS):
             return None

@@ -9,12 +9,13 @@ from importlib.metadata import version
 from pathlib import Path
 from time import monotonic
 
-from fastapi import APIRouter, FastAPI, Request
+from fastapi import APIRouter, Depends, FastAPI, Request
+from starlette.exceptions import HTTPException
 from starlette.responses import HTMLResponse, JSONResponse, Response
 from starlette.staticfiles import StaticFiles
 from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
-from server import docs, problem
+from server import docs, openapi, problem
 from server.auth import Auth, HostRule, checked_proxies, login_response, tokens_by_role
 from server.bulk import Bulk, Made
 from server.deps import House, Rooms
@@ -99,13 +100,14 @@ def create_app(settings: ServerSettings, announce: Callable[[str], None]) -> Fas
         docs_url=None,
         redoc_url=None,
     )
-    problem.install(app)
+    problem.install(app, lambda path: openapi.methods_at(app, path))
     app.add_middleware(Guard, auth=auth, hosts=HostRule(settings.host, config.hosts), limiter=limiter, metrics=metrics)
     app.add_middleware(Observe, metrics=metrics)
     if config.trusted_proxies:
         app.add_middleware(ProxyHeadersMiddleware, trusted_hosts=checked_proxies(config.trusted_proxies))
     for module in (state, control, gait, head, estop, recordings, map, runs, session):
-        app.include_router(module.router, prefix=PREFIX)
+        app.include_router(module.router, prefix=PREFIX, dependencies=[Depends(openapi.json_only)])
+    openapi.install(app)
     app.include_router(proxy.router)
     app.include_router(_own_pages(app, auth))
     if settings.page.is_dir():
@@ -163,6 +165,8 @@ def _own_pages(app: FastAPI, auth: Auth) -> APIRouter:
 
     @router.get("/api/{path:path}")
     async def _(path: str) -> JSONResponse:  # pyright: ignore[reportUnusedFunction]
+        if openapi.methods_at(app, f"/api/{path}"):
+            raise HTTPException(HTTPStatus.METHOD_NOT_ALLOWED)
         return problem.problem_response(HTTPStatus.NOT_FOUND, f"there is nothing at /api/{path}")
 
     return router

@@ -1,5 +1,6 @@
 """Every refusal as problem+json (RFC 9457), with one clear line in ``detail``."""
 
+from collections.abc import Callable
 from http import HTTPStatus
 from typing import Any
 
@@ -52,8 +53,8 @@ def validation_line(error: RequestValidationError) -> str:
     return f"{where}: {' '.join(str(first['msg']).split())}{shown}"
 
 
-def install(app: FastAPI) -> None:
-    """Make every error of ``app`` a problem."""
+def install(app: FastAPI, methods: Callable[[str], list[str]]) -> None:
+    """Make every error of ``app`` a problem; ``methods`` are those possible at a path."""
 
     @app.exception_handler(Problem)
     async def _(_request: Request, error: Problem) -> JSONResponse:  # pyright: ignore[reportUnusedFunction]
@@ -73,12 +74,16 @@ def install(app: FastAPI) -> None:
 
     @app.exception_handler(HTTPException)
     async def _(request: Request, error: HTTPException) -> JSONResponse:  # pyright: ignore[reportUnusedFunction]
-        detail = str(error.detail)
+        detail, headers = str(error.detail), dict(error.headers or {})
         if error.status_code == HTTPStatus.NOT_FOUND and detail == HTTPStatus.NOT_FOUND.phrase:
             detail = f"there is nothing at {request.url.path}"
         if error.status_code == HTTPStatus.METHOD_NOT_ALLOWED:
-            detail = f"{request.method} is not possible here"
-        return problem_response(error.status_code, detail, dict(error.headers or {}))
+            allowed = methods(request.url.path)
+            if not allowed:
+                return problem_response(HTTPStatus.NOT_FOUND, f"there is nothing at {request.url.path}")
+            detail = f"{request.method} is not possible here (allowed: {', '.join(allowed)})"
+            headers["Allow"] = ", ".join(allowed)
+        return problem_response(error.status_code, detail, headers)
 
     @app.exception_handler(Exception)
     async def _(request: Request, error: Exception) -> JSONResponse:  # pyright: ignore[reportUnusedFunction]

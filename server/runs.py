@@ -150,7 +150,9 @@ class Runs:
         path, run_id = config_path(request.config), secrets.token_hex(6)
         record = _record(run_id, request, checked_overrides(request.overrides), path)
         if sum(run.state == "queued" for run in self._runs.values()) >= MAX_QUEUED:
-            raise InputError("runs", "too many are waiting", f"{MAX_QUEUED}")
+            raise Problem(
+                HTTPStatus.TOO_MANY_REQUESTS, f"{MAX_QUEUED} runs are waiting; submit more when some are over"
+            )
         run = Run(run_id, request, path, self._store.folder / run_id, record)
         try:
             self._store.save(run.as_record())

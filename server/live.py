@@ -10,6 +10,7 @@ from functools import partial
 from http import HTTPStatus
 from typing import Literal
 
+import numpy as np
 import structlog
 
 from server.background import attempt, keep_on
@@ -44,13 +45,15 @@ REPEAT_S = 0.05
 """An E-stop that is pressed again and again is handed on so often."""
 PULSE_S = 0.1
 MAX_PATH = 20_000
+REST_M = 5e-4
+"""A robot whose head moves less between two rows of its path rests."""
 Phase = Literal["starting", "running", "ended", "failed"]
 _log = structlog.get_logger("live")
 
 
 @dataclass(slots=True)
 class Path3:
-    """Positions over time, thinned by half whenever it grows too long: rows of (t_s, x, y, z)."""
+    """Positions over time: rows of (t_s, x, y, z), thinned whenever they are too many, at rest before in motion."""
 
     rows: list[tuple[float, float, float, float]] = field(default_factory=list)
     _texts: list[str] = field(default_factory=list)
@@ -70,8 +73,19 @@ class Path3:
         self.rows.append((round(t_s, 4), x, y, z))
         self._texts.append(json.dumps(self.rows[-1], separators=(",", ":")))
         if len(self.rows) > MAX_PATH:
-            self.rows, self._texts = self.rows[::2], self._texts[::2]
+            self._thin()
+
+    def _thin(self) -> None:
+        """Drop every second row of those at rest; of all, where a robot in motion takes most of the room."""
+        steps_m = np.linalg.norm(np.diff([row[1:] for row in self.rows], axis=0), axis=1)
+        resting = np.r_[steps_m < REST_M, False] & np.r_[False, steps_m < REST_M]
+        if MAX_PATH // 4 < resting.sum() < len(self.rows) - 2:
+            kept = ~(resting & (resting.cumsum() % 2 == 0))
+        else:
+            kept = np.arange(len(self.rows)) % 2 == 0
             self._every *= 2
+        self.rows = [self.rows[k] for k in np.flatnonzero(kept)]
+        self._texts = [self._texts[k] for k in np.flatnonzero(kept)]
 
     def text(self) -> str:
         """The rows as JSON, without the brackets around them; each was written when it came."""

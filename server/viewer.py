@@ -64,9 +64,14 @@ def arrow_mesh() -> tuple[Float, np.ndarray[Any, Any]]:
 
 
 def path_segments(points: Float) -> Float:
-    """Return the path (N, 3) as segments (K, 2, 3), thinned to MAX_PATH_POINTS."""
-    every = len(points) // MAX_PATH_POINTS + 1
-    points = np.concatenate([points[:-1:every], points[-1:]])
+    """Return the path (N, 3) as segments (K, 2, 3), thinned to MAX_PATH_POINTS at even distances along it.
+
+    Not at even times: a robot that rests would take the points away from where it moved, and leave polygons there.
+    """
+    along_m = np.r_[0.0, np.linalg.norm(np.diff(points, axis=0), axis=1).cumsum()]
+    if len(points) > MAX_PATH_POINTS:
+        kept = np.searchsorted(along_m, np.linspace(0.0, along_m[-1], MAX_PATH_POINTS))
+        points = points[np.unique([*kept, len(points) - 1])]
     return np.stack([points[:-1], points[1:]], axis=1)
 
 

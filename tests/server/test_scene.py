@@ -93,6 +93,22 @@ def test_a_path_of_a_day_stays_in_memory() -> None:
     assert times.max() <= 1.2 * times.min()
 
 
+def test_a_rest_takes_no_detail_from_the_path_before_it() -> None:
+    """A circle driven in 100 s, then a rest of 48 min: the circle is still round, in the rows and as drawn."""
+    path, T = Path3(), np.eye(4)
+    for k in range(60_000):
+        angle = 2.0 * np.pi * min(k / 2000.0, 1.0)
+        T[:3, 3] = np.cos(angle), np.sin(angle), 0.0
+        path.add(k * 0.05, T)
+    assert len(path.rows) <= MAX_PATH
+    assert path.rows[-1][0] > 2_990.0
+    steps_m = np.linalg.norm(np.diff([row[1:] for row in path.rows], axis=0), axis=1)
+    assert steps_m.max() < 0.004
+    segments = path_segments(np.array(path.rows)[:, 1:])
+    assert len(segments) <= MAX_PATH_POINTS + 1
+    assert np.linalg.norm(segments[:, 1] - segments[:, 0], axis=1).max() < 0.01
+
+
 def test_updates_replace_each_other_for_those_who_come_later(server: viser.ViserServer) -> None:
     scene = Scene(server)
     scene.reset(STARTED)

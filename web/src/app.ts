@@ -1,10 +1,14 @@
 // What the panels share: the last state, the link, and the streams of the telemetry.
 
 import { ApiError, api } from "./api";
+import { errorLine } from "./failure";
 import { LeaseKeeper } from "./lease";
 import { Redraw } from "./redraw";
 import { Cell, Channel } from "./store";
 import type { GaitEntry, RobotState, Role, Run, ShownPicture, Tick, TimelineEvent } from "./types";
+
+const RETRY_MS = 1000;
+const LAST_RETRY_MS = 15_000;
 
 export type LinkPhase = "connecting" | "live" | "silent" | "lost" | "signed-out";
 
@@ -12,6 +16,8 @@ export interface Link {
   phase: LinkPhase;
   /** performance.now() of the next attempt, when one is waiting. */
   retryAtMs: number | null;
+  /** What the server said when it closed the link, if it said anything. */
+  reason?: string;
 }
 
 export interface Notice {
@@ -29,6 +35,8 @@ export class App {
   readonly roundTripMs = new Cell<number | null>(null);
   readonly commandMs = new Cell<number | null>(null);
   readonly runs = new Cell<Run[]>([]);
+  /** Why the list of runs could not be read; null when it could. */
+  readonly runsProblem = new Cell<string | null>(null);
   readonly tick = new Channel<Tick>();
   readonly picture = new Channel<ShownPicture>();
   readonly timeline = new Channel<TimelineEvent>();
@@ -39,6 +47,8 @@ export class App {
   readonly opened = new Channel<void>();
   /** Another session: what panels show and keep of the one before is void. */
   readonly cleared = new Channel<void>();
+  /** Role and gaits have been read anew: what else depends on server and sign-in should be as well. */
+  readonly reloaded = new Channel<void>();
   /** performance.now() of the last message of any kind. */
   lastMessageMs: number | null = null;
 
@@ -64,17 +74,41 @@ export class App {
 
   report(error: unknown): void {
     if (error instanceof ApiError && error.status === 401) this.link.set({ phase: "signed-out", retryAtMs: null });
-    else this.notice.emit({ level: "error", text: error instanceof Error ? error.message : String(error) });
+    else this.notice.emit({ level: "error", text: errorLine(error) });
+    // This browser may have been signed in as somebody else since.
+    if (error instanceof ApiError && error.status === 403) void this.loadRole();
+  }
+
+  /** Read what may be another after a restart or another sign-in; what is the same stays untouched, with what is being typed. */
+  async reload(): Promise<void> {
+    await Promise.all([this.loadRole(), this.loadCatalogue()]);
+    this.reloaded.emit();
   }
 
   async loadRole(): Promise<void> {
-    const answer = await this.attempt(() => api.session());
-    if (answer) this.role.set(answer.role);
+    const answer = await this.background(() => api.session());
+    if (answer && answer.role !== this.role.get()) this.role.set(answer.role);
+    if (answer?.role === "viewer") this.lease.lost();
   }
 
   async loadCatalogue(): Promise<void> {
-    const answer = await this.attempt(() => api.gait());
-    if (answer) this.catalogue.set(answer.catalogue);
+    const answer = await this.background(() => api.gait());
+    if (answer && JSON.stringify(answer.catalogue) !== JSON.stringify(this.catalogue.get())) this.catalogue.set(answer.catalogue);
+  }
+
+  /** Ask for what the page itself needs; again as long as the link lives and nothing has come. */
+  private async background<T>(ask: () => Promise<T>): Promise<T | null> {
+    for (let delayMs = RETRY_MS; ; delayMs = Math.min(2 * delayMs, LAST_RETRY_MS)) {
+      try {
+        return await ask();
+      } catch (error) {
+        if (error instanceof ApiError && error.status === 401) this.report(error);
+        if (this.link.get().phase !== "live") return null;
+        // Whoever can do something about it is told once; the page goes on asking.
+        if (delayMs === RETRY_MS) this.report(error);
+        await new Promise((resolve) => setTimeout(resolve, delayMs));
+      }
+    }
   }
 
   /** Whether commands (other than the emergency stop) can be given now. */
@@ -86,6 +120,6 @@ export class App {
 
   /** Whether this page has control or may have it for the asking. */
   get mayCommand(): boolean {
-    return this.role.get() === "operator" && (this.lease.mine || this.state.get()?.control.id == null);
+    return this.role.get() === "operator" && (this.lease.mine || this.lease.pending || this.state.get()?.control.id == null);
   }
 }

@@ -1,8 +1,10 @@
 // What is held: keys, pad buttons, gamepad. Everything is let go when the page cannot be trusted to see the robot.
 
 import type { App } from "./app";
+import { KeyRepeat } from "./key-repeat";
 import { Cell } from "./store";
 import type { Wish } from "./teleop";
+import type { RobotState } from "./types";
 
 const DRIVE_KEYS: Record<string, Wish> = {
   KeyW: { drive: 1, turn: 0 },
@@ -11,6 +13,9 @@ const DRIVE_KEYS: Record<string, Wish> = {
   KeyD: { drive: 0, turn: -1 },
 };
 const ARROWS: Record<string, string> = { ArrowUp: "KeyW", ArrowDown: "KeyS", ArrowLeft: "KeyA", ArrowRight: "KeyD" };
+/** While one of these is down, the key-up of another key may never come (macOS with Command, window and input switchers). */
+const SWALLOWERS = ["Meta", "OS", "Control", "Alt", "AltGraph", "Hyper", "Super", "Process", "Dead"];
+const FIELDS = "textarea, select, input:not([type=range])";
 const DEAD_ZONE = 0.15;
 const STOP_BUTTON = 1; // B, or the circle
 const GAMEPAD = "gamepad";
@@ -32,6 +37,9 @@ export class Hands {
   /** A stick that was let go by force must come to rest before it counts again. */
   private stickArmed = false;
   private stopWasDown = false;
+  private padIndex: number | null = null;
+  private readonly repeat = new KeyRepeat();
+  private heldBecause: string | null = null;
 
   constructor(
     private readonly app: App,
@@ -40,8 +48,10 @@ export class Hands {
     window.addEventListener("blur", () => this.releaseAll("the window lost the focus"));
     document.addEventListener("visibilitychange", () => document.hidden && this.releaseAll("the page is hidden"));
     window.addEventListener("gamepaddisconnected", () => this.releaseAll("the gamepad was unplugged"));
+    for (const lost of ["fullscreenchange", "pointerlockchange", "compositionstart", "dragstart", "freeze"])
+      document.addEventListener(lost, () => this.releaseAll("another act took the keyboard or the pointer"));
     app.link.watch(({ phase }) => phase !== "live" && this.releaseAll("the link is down"));
-    app.state.watch((state) => state?.estop.latched === true && this.releaseAll(null));
+    app.state.watch((state) => this.follow(state));
     app.picture.on(({ shown_ms }) => this.noteFrame(shown_ms - performance.timeOrigin));
     window.setInterval(() => this.look(), LOOK_MS);
   }
@@ -66,18 +76,37 @@ export class Hands {
     if (this.held.size === 0) return;
     this.held.clear();
     this.combine();
-    if (why !== null) this.app.notice.emit({ level: "error", text: `The drive was let go: ${why}` });
+    if (why !== null) this.app.notice.emit({ level: "error", text: `The drive was let go: ${why}. Let go, then press again.` });
+  }
+
+  /** A hold ends the drive here too: nothing goes on by itself when the robot may move again. */
+  private follow(state: RobotState | null): void {
+    const before = this.heldBecause;
+    this.heldBecause = state?.held_because ?? null;
+    if (this.held.size === 0) return;
+    if (state?.estop.latched === true) this.releaseAll(null);
+    else if (this.heldBecause !== null && this.heldBecause !== before) this.releaseAll(`the robot is held (${this.heldBecause})`);
+    else if (!this.app.commandable) this.releaseAll("the robot cannot be driven now");
   }
 
   /** W, A, S, D anywhere but in fields; the arrows where nothing else uses them. */
   listen(target: Window, arrowsFor: (element: Element) => boolean): void {
     const named = (event: KeyboardEvent): string | null => {
       const element = event.target instanceof Element ? event.target : null;
-      if (event.ctrlKey || event.altKey || event.metaKey || element?.matches("input, textarea, select")) return null;
+      if (element?.matches(FIELDS)) return null;
       if (event.code in DRIVE_KEYS) return event.code;
       return element && arrowsFor(element) ? (ARROWS[event.code] ?? null) : null;
     };
+    const swallowed = (event: KeyboardEvent): boolean => {
+      const { key, ctrlKey, altKey, metaKey, isComposing } = event;
+      const may = ctrlKey || altKey || metaKey || isComposing || SWALLOWERS.includes(key);
+      if (may) this.releaseAll("Command, Ctrl, Alt or an input method may keep a key-up to itself");
+      return may;
+    };
+    // Before any other listener: on the pad's buttons Enter is held as well.
+    target.addEventListener("keydown", (event) => this.repeat.onDown(event), { capture: true });
     target.addEventListener("keydown", (event) => {
+      if (swallowed(event)) return;
       const key = named(event);
       if (key === null) return;
       event.preventDefault();
@@ -85,8 +114,18 @@ export class Hands {
       if (!event.repeat && wish) this.hold(event.code, wish);
     });
     // On the way down, whatever has the focus by now: a lost key-up would drive on.
-    target.addEventListener("keyup", (event) => this.release(event.code), { capture: true });
+    target.addEventListener("keyup", (event) => this.letGo(event, swallowed(event)), { capture: true });
     target.addEventListener("blur", () => this.releaseAll(null));
+    // A menu has the keyboard and the pointer to itself, and so has a field.
+    target.addEventListener("contextmenu", (event) => !event.defaultPrevented && this.releaseAll("a menu was opened"));
+    target.addEventListener("focusin", (event) => {
+      if (event.target instanceof Element && event.target.matches(FIELDS)) this.releaseAll("a field has the keyboard now");
+    });
+  }
+
+  private letGo(event: KeyboardEvent, swallowed: boolean): void {
+    this.repeat.onUp();
+    if (!swallowed) this.release(event.code);
   }
 
   /** Seen at several looks: a page that was busy itself has pictures waiting. */
@@ -105,7 +144,19 @@ export class Hands {
     const old = this.lastFrameMs !== null && performance.now() - this.lastFrameMs > limit;
     this.frozenLooks = old ? this.frozenLooks + 1 : 0;
     if (this.held.size > 0 && this.frozen) this.releaseAll("the camera picture is frozen");
-    const pad = navigator.getGamepads().find((candidate) => candidate?.connected);
+    const key = this.repeat.lost(performance.now());
+    if (key !== null && (this.held.has(key) || key.endsWith("Enter"))) this.releaseAll("the key's repeats have stopped without a key-up");
+    this.lookAtPad();
+  }
+
+  private lookAtPad(): void {
+    const pad = navigator.getGamepads().find((candidate) => candidate?.connected) ?? null;
+    // Gone without the event that should say so, or another one in its place.
+    if (this.padIndex !== null && pad?.index !== this.padIndex) {
+      if (this.held.has(GAMEPAD)) this.releaseAll("the gamepad has gone");
+      this.stickArmed = this.stopWasDown = false;
+    }
+    this.padIndex = pad?.index ?? null;
     if (pad) this.readPad(pad);
   }
 

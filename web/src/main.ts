@@ -2,8 +2,9 @@
 
 import { App } from "./app";
 import { byId } from "./dom";
+import { watchFailures } from "./failure";
 import { Hands } from "./hands";
-import { mountBlindBanner, mountLinkBanner, mountNotices } from "./panels/banner";
+import { mountBlindBanner, mountLinkBanner, mountNotices, mountStatusLine, mountTakenBanner } from "./panels/banner";
 import { mountCamera } from "./panels/camera";
 import { mountDrive } from "./panels/drive";
 import { EStop, listenForStopKeys } from "./panels/estop";
@@ -22,7 +23,7 @@ import { mountSignIn } from "./panels/signin";
 import { mountSource } from "./panels/source";
 import { mountTabs } from "./panels/tabs";
 import { mountTopbar } from "./panels/topbar";
-import { mountViewer, reloadViewer } from "./panels/viewer";
+import { mountViewer } from "./panels/viewer";
 import { Telemetry } from "./telemetry";
 import { Teleop } from "./teleop";
 import { startTheme } from "./theme";
@@ -31,31 +32,53 @@ import "./styles/base.css";
 import "./styles/layout.css";
 import "./styles/panels.css";
 import "./styles/player.css";
+import "./styles/screens.css";
+
+/** Nothing that the server tells is read only once: it may restart with another configuration, or the sign-in change. */
+function keepFresh(app: App): void {
+  app.link.watch(({ phase }) => phase === "live" && void app.reload());
+  // Another tab of this browser may have signed in as somebody else.
+  document.addEventListener("visibilitychange", () => {
+    if (!document.hidden && app.link.get().phase === "live") void app.loadRole();
+  });
+  // The gaits' defaults depend on the robot and on the session's settings.
+  let known = "";
+  app.state.watch((state) => {
+    if (state?.session !== "running" || state.source.kind === "recording") return;
+    const now = JSON.stringify([state.session_number, state.source, state.robot]);
+    if (known !== "" && now !== known) void app.loadCatalogue();
+    known = now;
+  });
+}
 
 function start(): void {
   const app = new App();
+  watchFailures(app);
   const telemetry = new Telemetry(app);
   startTheme(() => app.theme.emit());
 
   const estop = new EStop(app);
-  listenForStopKeys(window, app, estop);
+  listenForStopKeys(window, estop);
   mountTopbar(app, mountHelp());
   mountBlindBanner(app);
   mountLinkBanner(app);
+  mountTakenBanner(app);
   mountNotices(app);
+  mountStatusLine(app);
   mountSource(app);
   mountGaits(app);
   mountParameters(app);
   const hands = new Hands(app, (reason) => estop.press(reason));
-  const teleop = new Teleop(app, (detail) => {
+  const refused = (detail: string) => {
     hands.releaseAll(null);
     app.notice.emit({ level: "error", text: detail });
-  });
+  };
+  const teleop = new Teleop(app, refused, () => hands.releaseAll("this page stood still for a moment"));
   const arrowsFor = (element: Element) => element === document.body || element.closest("#pad") !== null;
   hands.listen(window, arrowsFor);
   mountDrive(app, hands, teleop);
   mountViewer(app, (frame) => {
-    listenForStopKeys(frame, app, estop);
+    listenForStopKeys(frame, estop);
     // The arrows move the view there.
     hands.listen(frame, () => false);
   });
@@ -69,21 +92,8 @@ function start(): void {
   mountJoints(app);
   mountRuns(app);
   mountEvents(app);
-  mountSignIn(app, () => {
-    telemetry.reconnect();
-    reloadViewer();
-  });
-  app.link.watch(({ phase }) => {
-    if (phase === "live") void app.loadRole();
-    if (phase === "live" && app.catalogue.get().length === 0) void app.loadCatalogue();
-  });
-  // The gaits' defaults depend on the robot.
-  let robot = "";
-  app.state.watch((state) => {
-    if (!state || state.source.kind === "recording") return;
-    if (robot !== "" && state.robot.model !== robot) void app.loadCatalogue();
-    robot = state.robot.model;
-  });
+  mountSignIn(app, () => telemetry.reconnect());
+  keepFresh(app);
   let session = -1;
   app.state.watch((state) => {
     if (!state || state.session_number === session) return;

@@ -14,7 +14,7 @@ export type ToWorker =
 
 export type FromWorker =
   | { kind: "open" }
-  | { kind: "closed" }
+  | { kind: "closed"; reason: string }
   | { kind: "message"; message: Message }
   | { kind: "round-trip"; ms: number | null }
   | { kind: "picture"; picture: ShownPicture };

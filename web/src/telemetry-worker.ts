@@ -25,10 +25,10 @@ function connect(url: string): void {
   socket = opened;
   opened.onopen = () => page.postMessage({ kind: "open" });
   opened.onmessage = (event: MessageEvent<string | ArrayBuffer>) => receive(event.data);
-  opened.onclose = () => {
+  opened.onclose = ({ reason }) => {
     if (socket !== opened) return;
     socket = null;
-    page.postMessage({ kind: "closed" });
+    page.postMessage({ kind: "closed", reason });
   };
 }
 

@@ -18,6 +18,10 @@ export class Telemetry {
 
   constructor(private readonly app: App) {
     this.worker.onmessage = ({ data }: MessageEvent<FromWorker>) => this.hear(data);
+    this.worker.onerror = (event) => {
+      const error = new Error(`the telemetry's worker: ${event.message || "it could not be loaded"}`);
+      app.report(error);
+    };
   }
 
   start(): void {
@@ -66,7 +70,7 @@ export class Telemetry {
     if (said.kind === "open") {
       this.open = true;
       this.app.opened.emit();
-    } else if (said.kind === "closed") void this.dropped();
+    } else if (said.kind === "closed") void this.dropped(said.reason);
     else if (said.kind === "round-trip") this.app.roundTripMs.set(said.ms);
     else if (said.kind === "picture") {
       this.heard();
@@ -88,11 +92,11 @@ export class Telemetry {
   }
 
   /** A closed socket does not say why: ask over HTTP whether it is the sign-in or the link. */
-  private async dropped(): Promise<void> {
+  private async dropped(reason: string): Promise<void> {
     this.open = false;
     const delay = this.delayMs * (0.8 + 0.4 * Math.random());
     this.delayMs = Math.min(this.delayMs * 1.7, LAST_DELAY_MS);
-    this.app.link.set({ phase: "lost", retryAtMs: performance.now() + delay });
+    this.app.link.set({ phase: "lost", retryAtMs: performance.now() + delay, reason });
     try {
       await api.state(1500);
     } catch (error) {

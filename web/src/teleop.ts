@@ -4,6 +4,8 @@ import type { App } from "./app";
 import { Cell } from "./store";
 
 const SEND_EVERY_MS = 66;
+/** A drive that was silent for so long is over: the robot node holds the robot then. */
+const SILENT_MS = 300;
 const PING_EVERY_MS = 1000;
 const FIRST_PINGS_MS = 150;
 const RECONNECT_MS = 500;
@@ -28,11 +30,14 @@ export class Teleop {
   private seq = 0;
   private wish: Wish = { drive: 0, turn: 0 };
   private timer = 0;
+  private sentMs = 0;
 
   constructor(
     private readonly app: App,
     /** Called when the server refuses a drive: whatever is held must be let go. */
     private readonly onRefused: (detail: string) => void,
+    /** Called when this page itself stood still while it drove: the robot is held, and must not go on by itself. */
+    private readonly onStalled: () => void,
   ) {
     app.lease.current.watch((lease) => (lease ? this.open(lease.key) : this.close()));
     window.setInterval(() => this.ping(), PING_EVERY_MS);
@@ -43,12 +48,21 @@ export class Teleop {
     const before = this.wish;
     this.wish = wish;
     const moves = wish.drive !== 0;
-    if (moves && this.timer === 0) this.timer = window.setInterval(() => this.send(), SEND_EVERY_MS);
+    if (moves && this.timer === 0) {
+      this.sentMs = performance.now();
+      this.timer = window.setInterval(() => this.repeat(), SEND_EVERY_MS);
+    }
     if (!moves) {
       window.clearInterval(this.timer);
       this.timer = 0;
     }
     if (moves || before.drive !== 0) this.send();
+  }
+
+  private repeat(): void {
+    if (performance.now() - this.sentMs > SILENT_MS) return this.onStalled();
+    this.sentMs = performance.now();
+    this.send();
   }
 
   private send(): void {
@@ -79,21 +93,22 @@ export class Teleop {
     };
     socket.onmessage = (event: MessageEvent<string>) => this.hear(JSON.parse(event.data) as Answer);
     socket.onclose = (event) => {
-      if (this.socket === socket) this.dropped(event.code, key);
+      if (this.socket === socket) this.dropped(event, key);
     };
   }
 
   private hear(answer: Answer): void {
     if (answer.type === "pong") this.ready.set(true);
     else if (answer.type === "done") this.app.commandMs.set(performance.now() - answer.t_ms);
-    else if (answer.type === "refused") this.onRefused(answer.detail);
+    else if (answer.type === "refused") this.onRefused(`The drive was refused: ${answer.detail}.`);
   }
 
-  private dropped(code: number, key: string): void {
+  private dropped({ code, reason }: CloseEvent, key: string): void {
     this.socket = null;
     this.ready.set(false);
-    if (code === LOST_CONTROL) this.app.lease.lost();
-    else window.setTimeout(() => this.app.lease.current.get()?.key === key && this.open(key), RECONNECT_MS);
+    if (code === LOST_CONTROL) return this.app.lease.lost();
+    if (reason !== "") this.onRefused(`The drive's connection was closed: ${reason} (${code}). It is opened again.`);
+    window.setTimeout(() => this.app.lease.current.get()?.key === key && this.open(key), RECONNECT_MS);
   }
 
   private close(): void {

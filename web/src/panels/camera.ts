@@ -19,8 +19,7 @@ export function mountCamera(app: App, telemetry: Telemetry): void {
   level.title = "Turn the picture upright while the head rolls";
   byId("camera").append(
     h("header", { class: "panel-head" }, h("h2", {}, "Camera"), rate, level, toggle),
-    h("div", { class: "picture", id: "picture" }, picture, overlay, empty, badge),
-    legend(),
+    h("div", { class: "picture", id: "picture" }, picture, overlay, empty, badge, legend()),
   );
   telemetry.drawOn(picture, overlay);
   const turned = new Turned(picture, overlay);

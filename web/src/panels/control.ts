@@ -2,9 +2,12 @@
 
 import type { App } from "../app";
 import { h, setText } from "../dom";
+import { LONGEST_NAME } from "../operator-name";
 
-export function makeControl(app: App): HTMLElement {
+/** The card with who has control, and the line with this operator's name. */
+export function makeControl(app: App): HTMLElement[] {
   const words = h("span", { id: "control-holder" });
+  const name = makeName(app);
   const take = h("button", { class: "button", type: "button", id: "control-take" }, "Take control");
   const give = h("button", { class: "button", type: "button", id: "control-release" }, "Give back");
   take.addEventListener("click", () => void app.attempt(() => app.lease.take(app.state.get()?.control.id != null)));
@@ -21,13 +24,52 @@ export function makeControl(app: App): HTMLElement {
     setText(take, held ? "Take over" : "Take control");
     take.hidden = mine || viewer;
     give.hidden = !mine;
+    name.show(viewer, !mine);
     take.disabled = give.disabled = !live;
   };
   app.state.watch(show);
   app.role.watch(show);
   app.lease.current.watch(show);
   app.link.watch(show);
-  return box;
+  return [box, name.root];
+}
+
+/** The operator's name as others will see it, with a field to change it before control is taken. */
+function makeName(app: App): { root: HTMLElement; show: (viewer: boolean, editable: boolean) => void } {
+  const now = h("span", { class: "muted", id: "operator-name-now" });
+  const field = h("input", { type: "text", id: "operator-name", maxlength: LONGEST_NAME, autocomplete: "nickname", spellcheck: "false" });
+  const change = h("button", { class: "text-button", type: "button", id: "operator-name-change" }, "Change name");
+  const keep = h("button", { class: "button", type: "submit" }, "Keep");
+  const form = h("form", { class: "name-form", hidden: true }, h("label", { for: "operator-name" }, "Your name"), field, keep);
+  const line = h("div", { class: "name-line" }, now, change);
+  const root = h("div", { class: "name" }, line, form);
+  const edit = (editing: boolean) => {
+    form.hidden = !editing;
+    line.hidden = editing;
+    setText(now, `You are \u201c${app.lease.name.text}\u201d.`);
+  };
+  change.addEventListener("click", () => {
+    edit(true);
+    field.value = app.lease.name.text;
+    field.select();
+    field.focus();
+  });
+  form.addEventListener("submit", (event) => {
+    event.preventDefault();
+    app.lease.name.set(field.value);
+    edit(false);
+    change.focus();
+  });
+  edit(false);
+  return {
+    root,
+    // The line keeps its place while control comes and goes: the pad below must not move.
+    show: (viewer, editable) => {
+      root.hidden = viewer;
+      change.hidden = !editable;
+      if (!editable) edit(false);
+    },
+  };
 }
 
 function watching(holder: string | null | undefined): string {

@@ -5,7 +5,7 @@ import { h } from "../dom";
 /** Fill a dialog with a heading and its content; it closes on its button, on a click beside it, or on Escape. */
 export function prepareDialog(dialog: HTMLDialogElement, title: string, ...content: HTMLElement[]): void {
   const close = h("button", { class: "text-button", type: "button", onclick: () => dialog.close() }, "Close");
-  dialog.append(h("header", { class: "dialog-head" }, h("h2", {}, title), close), ...content);
+  dialog.append(h("div", { class: "dialog-head" }, h("h2", {}, title), close), ...content);
   document.addEventListener("pointerdown", (event) => {
     const target = event.target as Element;
     if (dialog.open && !dialog.contains(target) && target.closest(".topbar, .banners") === null) dialog.close();

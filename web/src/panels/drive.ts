@@ -20,7 +20,7 @@ export function mountDrive(app: App, hands: Hands, teleop: Teleop): void {
   const straight = h("button", { class: "text-button", type: "button", id: "straight" }, "Straight");
   const why = h("p", { class: "hint", id: "drive-note" });
   byId("drive").append(
-    makeControl(app),
+    ...makeControl(app),
     makePad(app, hands, teleop),
     h("div", { class: "turn" }, h("label", { for: "turn" }, "Turn"), reading, straight, turn, ends()),
     why,

@@ -3,6 +3,7 @@
 import type { App } from "../app";
 import { type IconName, byId, h, icon, setText } from "../dom";
 import { capitalised, fixed, scaled } from "../format";
+import { onGap } from "../history";
 import { Sparkline } from "../sparkline";
 import type { Health, RobotState, Tick, Verdict } from "../types";
 import { Readout } from "./readout";
@@ -57,6 +58,8 @@ export function mountEstimator(app: App): void {
     box.dataset["verdict"] = shown;
     setText(word, words.word);
     setText(why, health.reasons.length > 0 ? capitalised(health.reasons.join("; ")) : words.meaning);
+    // Two lines are shown, so that what stands below keeps its place.
+    why.title = why.textContent ?? "";
   };
   const onState = (state: RobotState | null) => {
     if (!state) return;
@@ -75,6 +78,7 @@ export function mountEstimator(app: App): void {
     distance.set(fixed(tick.distance_m, 2));
   };
   app.state.watch(onState);
+  onGap(app, () => [tracks, error].forEach((readout) => readout.gap()));
   app.tick.on(onTick);
   app.redraw.every(200, () => [tracks, error, distance].forEach((readout) => readout.draw()));
 }

@@ -13,6 +13,8 @@ export class EStop {
   private readonly bannerText = h("p");
   private readonly reset = h("button", { class: "button", type: "button", id: "estop-reset" }, "Reset");
   private pressed = false;
+  /** The server has it and the robot has not answered. */
+  private unconfirmed = false;
 
   constructor(private readonly app: App) {
     this.button.append(icon("octagon"), this.words);
@@ -33,18 +35,20 @@ export class EStop {
   private async sendUntilConfirmed(reason: string): Promise<void> {
     for (;;) {
       try {
-        await api.estop(reason);
-        break;
+        // Without the robot's own word it is latched in the server only: sent again until the robot confirms it.
+        this.unconfirmed = (await api.estop(reason)).confirmed === false;
+        if (!this.unconfirmed) break;
+        this.show();
       } catch (error) {
         // A refusal that will not change (signed out) is shown, not repeated for ever.
         if (!(error instanceof ApiError) || (error.status >= 400 && error.status < 500)) {
           this.app.report(error);
           break;
         }
-        await new Promise((resolve) => setTimeout(resolve, RETRY_MS));
       }
+      await new Promise((resolve) => setTimeout(resolve, RETRY_MS));
     }
-    this.pressed = false;
+    this.pressed = this.unconfirmed = false;
     this.show();
   }
 
@@ -54,9 +58,13 @@ export class EStop {
 
   private show(): void {
     const live = this.app.link.get().phase === "live";
-    const waiting = this.pressed && !this.latched;
+    const waiting = this.pressed && (!this.latched || this.unconfirmed);
     this.button.dataset["state"] = waiting ? "sending" : this.latched ? "latched" : "ready";
-    setText(this.words, waiting ? "STOPPING" : this.latched ? "STOPPED" : "E-STOP");
+    const words = waiting ? "STOPPING" : this.latched ? "STOPPED" : "E-STOP";
+    setText(this.words, words);
+    // Who speaks to the page says what stands on the button: its name begins with that.
+    const meaning = waiting ? "emergency stop sent" : this.latched ? "emergency stop is latched" : "emergency stop";
+    this.button.setAttribute("aria-label", `${words}, ${meaning}`);
     this.banner.hidden = !waiting && !this.latched;
     this.reset.hidden = !this.latched;
     this.reset.disabled = !live;
@@ -66,24 +74,41 @@ export class EStop {
   private reason(): string {
     const reason = this.app.state.get()?.estop.reason;
     const why = reason ? ` (${reason})` : "";
-    return `Emergency stop is latched${why}. After Reset the robot stays at rest until it is started.`;
+    return `Emergency stop is latched${why}. Reset does not move the robot.`;
   }
 }
 
-const isTextField = (target: EventTarget | null): boolean =>
+const isField = (target: EventTarget | null): target is HTMLElement =>
   target instanceof HTMLTextAreaElement ||
-  (target instanceof HTMLInputElement && ["text", "password", "search"].includes(target.type));
+  target instanceof HTMLSelectElement ||
+  (target instanceof HTMLInputElement && ["text", "password", "search", "number"].includes(target.type));
 
-/** Space (outside text fields) and Escape stop; with the robot at rest Escape only closes an open dialog. */
-export function listenForStopKeys(target: Window, app: App, estop: EStop): void {
+/** What the page's own Escape closes or leaves; null where it has nothing to close, and then it stops the robot. */
+function escapes(target: EventTarget | null): (() => void) | null {
+  const dialog = document.querySelector<HTMLDialogElement>("dialog[open]");
+  // Without a sign-in the page can do nothing, the emergency stop included.
+  if (dialog) return () => dialog.id !== "signin" && dialog.close();
+  if (isField(target)) return () => target.blur();
+  const list = target instanceof Element ? target.closest<HTMLDetailsElement>("details[open]") : null;
+  return list && (() => (list.open = false));
+}
+
+const keepsSpace = (target: EventTarget | null): boolean =>
+  isField(target) || (target instanceof Element && target.closest("dialog") !== null);
+
+/** Space and Escape stop, whether the robot moves or not, except where they have their usual work: see the help.
+ *
+ * On a button of the page Space stops too, since a click leaves the focus there: meant as a stop it would press Start.
+ */
+export function listenForStopKeys(target: Window, estop: EStop): void {
   target.addEventListener(
     "keydown",
     (event) => {
-      const space = event.code === "Space" && !isTextField(event.target);
-      if ((!space && event.key !== "Escape") || event.repeat) return;
-      const dialog = space ? null : document.querySelector<HTMLDialogElement>("dialog[open]:not(#signin)");
-      dialog?.close();
-      if (dialog && !app.state.get()?.moving) return;
+      const space = event.code === "Space" && !keepsSpace(event.target);
+      // A composition of an input method has its own Escape and Space.
+      if ((!space && event.key !== "Escape") || event.repeat || event.isComposing) return;
+      const close = space ? null : escapes(event.target);
+      if (close) return close();
       if (space) {
         event.preventDefault(); // or the focused button would be pressed as well
         event.stopPropagation();

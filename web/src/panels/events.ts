@@ -3,6 +3,7 @@
 import type { App } from "../app";
 import { byId, cssColour, fitCanvas, h, sizeOf } from "../dom";
 import { capitalised, clock } from "../format";
+import { GAP_S } from "../history";
 import type { TimelineEvent, Verdict } from "../types";
 
 const KEPT = 200;
@@ -68,7 +69,8 @@ function drawStrip(canvas: HTMLCanvasElement, marks: Mark[], events: TimelineEve
   const x = (t_s: number) => width * (1 - (end - t_s) / STRIP_S);
   context.clearRect(0, 0, width, height);
   marks.forEach((mark, index) => {
-    const until = marks[index + 1]?.t_s ?? end;
+    // A mark is renewed several times a second: without the next, nothing is known of the time after it.
+    const until = Math.min(marks[index + 1]?.t_s ?? end, mark.t_s + GAP_S);
     context.fillStyle = cssColour(`--verdict-${mark.verdict}`);
     // Worse is lower as well as another colour.
     const top = { good: 0, initialising: 0.25, degraded: 0.35, blind: 0.6, lost: 0.75 }[mark.verdict] * height;

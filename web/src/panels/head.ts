@@ -3,6 +3,7 @@
 import type { App } from "../app";
 import { byId, h, setText } from "../dom";
 import { fixed, scaled } from "../format";
+import { onGap } from "../history";
 import { Sparkline } from "../sparkline";
 import { Readout } from "./readout";
 import type { Tick } from "../types";
@@ -23,6 +24,7 @@ export function mountHead(app: App): void {
     rate.root,
     sway.root,
   );
+  onGap(app, () => [yaw, rate, sway].forEach((readout) => readout.gap()));
   let last: Tick["head"] | null = null;
   app.tick.on(({ head }) => {
     yaw.set(fixed(head.yaw_deg, 1), head.yaw_deg);

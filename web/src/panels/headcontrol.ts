@@ -15,6 +15,8 @@ export function mountHeadControl(app: App): void {
   app.link.watch(() => panel.sync());
   app.role.watch(() => panel.sync());
   app.lease.current.watch(() => panel.sync());
+  // Another server, or the same with other settings, may have other controllers.
+  app.reloaded.on(() => panel.askAnew());
 }
 
 class HeadControlPanel {
@@ -53,6 +55,11 @@ class HeadControlPanel {
       this.steering,
     ];
     byId("head").append(h("section", { class: "head-control", "aria-label": "Head control" }, ...parts));
+  }
+
+  askAnew(): void {
+    this.answeredFor = "";
+    this.sync();
   }
 
   sync(): void {
@@ -114,7 +121,7 @@ class HeadControlPanel {
 
   private stepButton(side: "left" | "right", turn_by_deg: number): HTMLButtonElement {
     const words = [icon(side), `${STEP_DEG}\u00b0`];
-    const label = `Turn the heading ${STEP_DEG} degrees to the ${side}`;
+    const label = `${STEP_DEG}\u00b0 to the ${side}: turn the heading`;
     const onclick = () => this.send({ turn_by_deg });
     const attributes = { class: "button", type: "button", id: `head-${side}`, "aria-label": label, title: label, onclick };
     return h("button", attributes, ...(side === "left" ? words : words.reverse()));

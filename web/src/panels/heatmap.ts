@@ -1,6 +1,6 @@
 // All joints over the last seconds: one row each, head at the top, so that a wave is seen travelling down the body.
 
-import type { JointHistory } from "../history";
+import { GAP_S, type JointHistory } from "../history";
 import { cssColour } from "../dom";
 
 type Rgb = [number, number, number];
@@ -47,9 +47,12 @@ export class Heatmap {
       const t_s = history.end_s - history.window_s * (1 - column / (this.columns - 1));
       while (at + 1 < samples.length && (samples[at + 1]?.t_s ?? 0) <= t_s) at++;
       const sample = samples[at];
-      if (!sample || sample.t_s > t_s + 0.2) continue;
+      // Columns of which nothing is known stay empty.
+      if (!sample || Math.abs(sample.t_s - t_s) > GAP_S) continue;
       for (let joint = 0; joint < rows; joint++) {
-        const share = Math.max(-1, Math.min(1, (sample.measured[joint] ?? 0) / reach));
+        const angle = sample.measured[joint] ?? NaN;
+        if (Number.isNaN(angle)) continue;
+        const share = Math.max(-1, Math.min(1, angle / reach));
         const end = share < 0 ? low : high;
         const pixel = 4 * ((rows - 1 - joint) * this.columns + column);
         for (let c = 0; c < 3; c++) {
@@ -66,7 +69,7 @@ export class Heatmap {
   private reach(history: JointHistory): number {
     let largest = 5;
     for (let index = 0; index < history.samples.length; index += 8) {
-      for (const angle of history.samples[index]?.measured ?? []) largest = Math.max(largest, Math.abs(angle));
+      for (const angle of history.samples[index]?.measured ?? []) if (angle > largest || -angle > largest) largest = Math.abs(angle);
     }
     return Math.ceil(largest / 5) * 5;
   }

@@ -4,9 +4,9 @@ import { byId, h } from "../dom";
 import { openDialog, prepareDialog } from "./dialog";
 
 const KEYS: [string, string][] = [
-  ["Space", "Emergency stop (except while typing in a text field). Buttons are pressed with Enter."],
-  ["Esc", "Emergency stop. With the robot at rest it only closes an open dialog."],
-  ["W A S D", "Drive while held: forward, left, back, right. On the pad the arrow keys do the same."],
+  ["Space", "Emergency stop. In a field it types or opens the list, in a dialog it does what it always does. Buttons of the page are pressed with Enter, so that after a click Space still stops."],
+  ["Esc", "Emergency stop. With a dialog open it only closes the dialog, in a field it only leaves the field: press it again to stop."],
+  ["W A S D", "Drive while held: forward, left, back, right. On the pad the arrow keys do the same. Ctrl, Alt and Command let go, as the system may keep a key-up to itself while they are down."],
   ["Gamepad", "Left stick or cross drives while held; B (circle) is the emergency stop."],
   ["Tab", "To the next control; Enter presses it."],
 ];

@@ -36,7 +36,7 @@ class JointsPanel {
   private plot: uPlot | null = null;
   private joints = 0;
   private readonly holder = h("div", { class: "plot", id: "joint-plot" });
-  private readonly chips = h("div", { class: "joint-chips", "aria-label": "Chosen joints" });
+  private readonly chips = h("div", { class: "joint-chips", role: "group", "aria-label": "Chosen joints" });
   private readonly grid = h("div", { class: "joint-grid" });
   private readonly scale = h("span", { class: "muted num" });
   private readonly heatmap = new Heatmap((joint) => this.toggle(joint));
@@ -73,7 +73,7 @@ class JointsPanel {
         this.span,
         this.whole,
         this.every,
-        h("details", { class: "picker", "aria-label": "Choose joints" }, h("summary", {}, "Pick", icon("chevron")), this.grid),
+        h("details", { class: "picker" }, h("summary", {}, "Pick", icon("chevron")), this.grid),
         this.pause,
       ),
       h(
@@ -161,7 +161,7 @@ class JointsPanel {
 
   private chip(joint: number, index: number): HTMLElement {
     const kind = joint % 2 === 1 ? "yaw" : "pitch";
-    const label = `Joint ${joint}, ${kind}: remove from the plot`;
+    const label = `J${joint} ${kind}: remove from the plot`;
     return h(
       "button",
       { class: `joint-chip series-${index}`, type: "button", "aria-label": label, onclick: () => this.toggle(joint) },
@@ -173,14 +173,14 @@ class JointsPanel {
 
   private data(): uPlot.AlignedData {
     const { samples, end_s } = this.history;
-    const columns: number[][] = [samples.map((sample) => sample.t_s - end_s)];
+    const columns: (number | null)[][] = [samples.map((sample) => sample.t_s - end_s)];
     if (this.all) {
-      for (let joint = 0; joint < this.joints; joint++) columns.push(samples.map((sample) => sample.measured[joint] ?? 0));
+      for (let joint = 0; joint < this.joints; joint++) columns.push(samples.map((sample) => known(sample.measured[joint])));
       return columns as uPlot.AlignedData;
     }
     for (const joint of this.chosen) {
-      columns.push(samples.map((sample) => sample.target[joint - 1] ?? 0));
-      columns.push(samples.map((sample) => sample.measured[joint - 1] ?? 0));
+      columns.push(samples.map((sample) => known(sample.target[joint - 1])));
+      columns.push(samples.map((sample) => known(sample.measured[joint - 1])));
     }
     return columns as uPlot.AlignedData;
   }
@@ -189,13 +189,14 @@ class JointsPanel {
     const axis = { stroke: cssColour("--muted"), grid: { stroke: cssColour("--grid"), width: 1 }, ticks: { show: false } };
     const font = "11px system-ui, sans-serif";
     const series: uPlot.Series[] = [{}];
+    const line = { points: { show: false }, spanGaps: false };
     // From tail to head through the colours.
     const hue = (joint: number) => `hsl(${Math.round((300 * joint) / Math.max(1, this.joints - 1))} 65% 50%)`;
-    for (let joint = 0; this.all && joint < this.joints; joint++) series.push({ stroke: hue(joint), width: 1.2, points: { show: false } });
+    for (let joint = 0; this.all && joint < this.joints; joint++) series.push({ stroke: hue(joint), width: 1.2, ...line });
     if (!this.all) this.chosen.forEach((_, index) => {
       const stroke = cssColour(`--series-${index}`);
-      series.push({ stroke, width: 1.2, dash: [5, 4], points: { show: false } });
-      series.push({ stroke, width: 2, points: { show: false } });
+      series.push({ stroke, width: 1.2, dash: [5, 4], ...line });
+      series.push({ stroke, width: 2, ...line });
     });
     return {
       width,
@@ -219,6 +220,11 @@ class JointsPanel {
     if (this.plot) this.plot.setSize({ width, height });
     else this.rebuild();
   }
+}
+
+/** An angle to draw; null, which is a gap in the line, where it is not known. */
+function known(angle: number | undefined): number | null {
+  return angle === undefined || Number.isNaN(angle) ? null : angle;
 }
 
 /** At least +-5 deg, so that a robot at rest shows flat lines and not magnified noise. */

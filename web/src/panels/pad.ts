@@ -50,6 +50,7 @@ export function makePad(app: App, hands: Hands, teleop: Teleop): HTMLElement {
   app.state.watch(show);
   app.link.watch(show);
   app.role.watch(show);
+  app.lease.current.watch(show);
   return h("div", { class: "pad-row" }, group, side);
 }
 
@@ -76,6 +77,8 @@ function holdButton(hands: Hands, { id, icon: name, label, key, wish }: (typeof 
     hands.hold(source, wish);
   });
   for (const end of ["pointerup", "pointercancel", "lostpointercapture", "blur"]) button.addEventListener(end, release);
+  // With a second button of the mouse down there is no pointerup for the first.
+  button.addEventListener("pointermove", (event) => (event.buttons & 1) === 0 && release());
   button.addEventListener("contextmenu", (event) => event.preventDefault());
   button.addEventListener("keydown", (event) => event.key === "Enter" && !event.repeat && hands.hold(source, wish));
   button.addEventListener("keyup", (event) => event.key === "Enter" && release());

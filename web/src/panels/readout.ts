@@ -46,6 +46,11 @@ export class Readout {
     this.trend?.clear();
   }
 
+  /** Nothing is known of the time since the last value. */
+  gap(): void {
+    this.trend?.push(null);
+  }
+
   setDetail(text: string): void {
     this.detailText = text;
   }

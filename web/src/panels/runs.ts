@@ -1,8 +1,9 @@
 // Scripted runs: submit, watch, read the result, cancel. One runs at a time beside the live view.
 
-import { api } from "../api";
+import { ApiError, api } from "../api";
 import type { App } from "../app";
 import { byId, h, setText } from "../dom";
+import { errorLine } from "../failure";
 import { fixed, scaled } from "../format";
 import type { Overrides, Run } from "../types";
 import { labelled, select } from "./source";
@@ -14,7 +15,14 @@ const active = (run: Run): boolean => run.state === "queued" || run.state === "r
 export function mountRuns(app: App): void {
   const body = h("tbody", { id: "run-rows" });
   const empty = h("p", { class: "muted runs-empty" }, "No runs yet. A run has its own simulator and leaves the live view alone.");
-  byId("runs").append(runForm(app), h("div", { class: "runs-scroll" }, table(body), empty));
+  byId("runs").append(runForm(app), h("div", { class: "runs-scroll", tabindex: 0, role: "group", "aria-label": "List of runs" }, table(body), empty));
+  const problem = h("p", { class: "field-error", id: "runs-problem", role: "status", hidden: true });
+  byId("runs").append(problem);
+  app.runsProblem.watch((words) => {
+    problem.hidden = words === null;
+    setText(problem, words ?? "");
+  });
+  app.reloaded.on(() => void refreshRuns(app));
   const rows = new Map<string, Row>();
   app.runs.watch((runs) => {
     empty.hidden = runs.length > 0;
@@ -24,7 +32,8 @@ export function mountRuns(app: App): void {
       row.show(run);
     }
     const order = [...runs].reverse().flatMap((run) => rows.get(run.id)?.root ?? []);
-    if (order.some((root, index) => body.children[index] !== root)) body.replaceChildren(...order);
+    const same = order.length === body.childElementCount && order.every((root, index) => body.children[index] === root);
+    if (!same) body.replaceChildren(...order);
   });
   let polls = 0;
   window.setInterval(() => {
@@ -37,14 +46,17 @@ export function mountRuns(app: App): void {
 async function refreshRuns(app: App): Promise<void> {
   try {
     app.runs.set(await api.runs());
+    app.runsProblem.set(null);
   } catch (error) {
-    console.warn("the list of runs could not be read", error);
+    // A lost link and a lost sign-in have their own places on the page.
+    if (error instanceof ApiError && error.status === 401) app.report(error);
+    else if (app.link.get().phase === "live") app.runsProblem.set(`${errorLine(error)} What is shown may be old.`);
   }
 }
 
 function table(body: HTMLElement): HTMLElement {
   const heads = ["Run", "State", "ATE (cm)", "Tracked", "Resets", "Speed", "Files", ""];
-  const cells = heads.map((text) => h("th", { scope: "col" }, text));
+  const cells = heads.map((text) => h("th", { scope: "col" }, text === "" ? h("span", { class: "visually-hidden" }, "Cancel") : text));
   return h("table", { class: "runs-table" }, h("thead", {}, h("tr", {}, ...cells)), body);
 }
 

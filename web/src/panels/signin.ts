@@ -1,8 +1,9 @@
 // The sign-in form, shown when the server answers 401.
 
-import { ApiError, api } from "../api";
+import { api } from "../api";
 import type { App } from "../app";
 import { byId, h, setText } from "../dom";
+import { errorLine } from "../failure";
 import { openDialog } from "./dialog";
 
 export function mountSignIn(app: App, onSignedIn: () => void): void {
@@ -31,7 +32,7 @@ export function mountSignIn(app: App, onSignedIn: () => void): void {
       dialog.close();
       onSignedIn();
     } catch (error) {
-      setText(problem, error instanceof ApiError ? error.message : String(error));
+      setText(problem, errorLine(error));
     }
   };
   dialog.append(form);

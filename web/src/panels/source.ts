@@ -1,8 +1,9 @@
 // What is shown: the simulator with its main settings, or a recording.
 
-import { api } from "../api";
+import { ApiError, api } from "../api";
 import type { App } from "../app";
 import { byId, h, icon, setText } from "../dom";
+import { errorLine } from "../failure";
 import { fixed } from "../format";
 import type { Overrides, Recording, RobotState } from "../types";
 import { openDialog, prepareDialog } from "./dialog";
@@ -33,7 +34,8 @@ export function mountSource(app: App): void {
   const button = byId("source") as HTMLButtonElement;
   const name = h("span", { class: "source-name" });
   const kind = h("span", { class: "source-kind" });
-  button.append(h("span", { class: "source-words" }, kind, name), icon("chevron"));
+  const purpose = h("span", { class: "visually-hidden" }, ": choose what to show");
+  button.append(h("span", { class: "source-words" }, kind, name), purpose, icon("chevron"));
   const dialog = new SourceDialog(app);
   button.addEventListener("click", () => dialog.open());
   app.state.watch((state) => {
@@ -56,6 +58,7 @@ class SourceDialog {
   private readonly list = h("ul", { class: "recordings" });
 
   constructor(private readonly app: App) {
+    app.reloaded.on(() => this.dialog.open && void this.load());
     const form = h(
       "form",
       { class: "sim-form" },
@@ -97,8 +100,13 @@ class SourceDialog {
   }
 
   private async load(): Promise<void> {
-    const recordings = await this.app.attempt(() => api.recordings());
-    if (!recordings) return;
+    let recordings: Recording[];
+    try {
+      recordings = await api.recordings();
+    } catch (error) {
+      if (error instanceof ApiError && error.status === 401) return this.app.report(error);
+      return this.list.replaceChildren(h("li", { class: "field-error", role: "alert" }, errorLine(error)));
+    }
     if (recordings.length > 0) this.list.replaceChildren(...recordings.map((recording) => this.row(recording)));
     else this.list.replaceChildren(h("li", { class: "muted" }, "None found. Start the server with --recordings DIR."));
   }

@@ -5,6 +5,7 @@ import { byId, h, icon, setText } from "../dom";
 import { count } from "../format";
 import { type Drawn, Scene3D, type Stage } from "../scene";
 import { TopView } from "../topview";
+import { loadViewer } from "../viewer-load";
 import { ViewTools } from "./viewtools";
 
 const STEPS: Record<Exclude<Stage, "drawn">, [number, string]> = {
@@ -14,7 +15,6 @@ const STEPS: Record<Exclude<Stage, "drawn">, [number, string]> = {
 };
 /** A recording may have no body to wait for. */
 const LONGEST_WAIT_MS = 2000;
-const PAINT_MS = 50;
 const NO_WEBGL = "This browser has no WebGL: the robot is drawn from above.";
 const LOST_WEBGL = "The browser has stopped drawing in 3D: the robot is drawn from above. Load the page again to try anew.";
 
@@ -22,24 +22,18 @@ export function mountViewer(app: App, onWindow: (frame: Window) => void): void {
   const frame = byId("viewer") as HTMLIFrameElement;
   const drawable = document.createElement("canvas").getContext("webgl2") !== null;
   const panel = new ViewerPanel(app, frame, drawable);
-  frame.addEventListener("load", () => {
-    const inner = frame.contentDocument;
-    if (!inner || !frame.contentWindow || frame.src === "") return;
-    // viser only reconnects while its document has the focus, which a frame seldom has.
-    inner.hasFocus = () => true;
-    inner.addEventListener("webglcontextlost", () => panel.loseWebgl(), { capture: true });
-    onWindow(frame.contentWindow);
-  });
   let liveMs: number | null = null;
   app.link.watch(({ phase }) => {
     if (phase === "live") liveMs ??= performance.now();
   });
-  app.redraw.every(200, () => {
-    panel.draw();
-    if (!drawable || liveMs === null || frame.hasAttribute("src")) return;
-    // The program of the 3D view takes the page's own thread for seconds: the robot is on the screen before.
-    const shown = panel.knowsBody || performance.now() - liveMs > LONGEST_WAIT_MS;
-    if (shown) window.setTimeout(() => frame.hasAttribute("src") || (frame.src = "/viewer/"), PAINT_MS);
+  app.redraw.every(200, () => panel.draw());
+  // The program of the 3D view takes the page's own thread for seconds: the robot is on the screen before.
+  const mayLoad = () => drawable && liveMs !== null && (panel.knowsBody || performance.now() - liveMs > LONGEST_WAIT_MS);
+  loadViewer(app, frame, mayLoad, (inner) => {
+    // viser only reconnects while its document has the focus, which a frame seldom has.
+    inner.document.hasFocus = () => true;
+    inner.document.addEventListener("webglcontextlost", () => panel.loseWebgl(), { capture: true });
+    onWindow(inner);
   });
 }
 
@@ -119,10 +113,4 @@ class ViewerPanel {
       this.source = source;
     });
   }
-}
-
-/** Load the viewer again, after signing in. */
-export function reloadViewer(): void {
-  const frame = byId("viewer") as HTMLIFrameElement;
-  if (frame.hasAttribute("src")) frame.contentWindow?.location.reload();
 }

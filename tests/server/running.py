@@ -92,6 +92,7 @@ def start(
     log: IO[str] | None = None,
     port: int = 0,
     bus: str | None = None,
+    seed: int | None = None,
 ) -> Running:
     env = {key: value for key, value in os.environ.items() if key != "SNAKESLAM_TOKEN"}
     env["PYTHONPATH"] = os.pathsep.join([str(CHECKOUT), *filter(None, [env.get("PYTHONPATH")])])
@@ -101,6 +102,8 @@ def start(
     env["XDG_STATE_HOME"] = str(folder / "state")
     if bus is not None:
         env["SNAKESLAM_TEST_BUS"] = bus
+    if seed is not None:
+        env["SNAKESLAM_TEST_SEED"] = str(seed)
     folders = [recordings] if recordings else []
     command = [sys.executable, "-m", "tests.server.serve_still", str(port), "127.0.0.1", *folders]
     process = subprocess.Popen(command, cwd=folder, env=env, stdout=subprocess.PIPE, stderr=log, text=True)

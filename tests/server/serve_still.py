@@ -1,6 +1,6 @@
 """A real server around a fake robot: ``python -m tests.server.serve_still PORT HOST [RECORDINGS]``.
 
-With $SNAKESLAM_TEST_BUS the robot's nodes are met there.
+With $SNAKESLAM_TEST_BUS the robot's nodes are met there. $SNAKESLAM_TEST_SEED says how the robot behaves (still_robot).
 """
 
 import os
@@ -11,7 +11,7 @@ from pathlib import Path
 def main() -> int:
     # The session's process imports this module too, and needs none of these.
     from server.main import serve
-    from snakeslam.config import Config
+    from snakeslam.config import Config, RunSettings
     from snakeslam.errors import SnakeslamError
     from snakeslam.robot.model import RobotSettings
     from snakeslam.runtime.link import Link
@@ -19,7 +19,8 @@ def main() -> int:
     from tests.server.still_robot import still_robot
 
     port, host, *folders = sys.argv[1:]
-    config = Config(robot=RobotSettings(model="orthogonal24"))
+    seed = int(os.environ.get("SNAKESLAM_TEST_SEED", "1"))
+    config = Config(robot=RobotSettings(model="orthogonal24"), run=RunSettings(seed=seed))
     bus = os.environ.get("SNAKESLAM_TEST_BUS")
     spec = SessionSpec(config, build=still_robot, link=None if bus is None else Link(bus))
     try:

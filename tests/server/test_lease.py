@@ -112,6 +112,7 @@ def test_everyone_sees_who_has_control(ann: httpx.Client, client: httpx.Client) 
     ("method", "path", "body"),
     [
         ("POST", "/api/v1/gait/start", None),
+        ("POST", "/api/v1/gait/back-up", None),
         ("PUT", "/api/v1/gait", {"name": "pedal"}),
         ("PUT", "/api/v1/head", {"controller": "direction"}),
         ("POST", "/api/v1/estop/reset", None),

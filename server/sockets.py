@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import ctypes
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass
 from itertools import count
@@ -14,7 +15,7 @@ from server.metrics import Metrics
 
 Kind = Literal["telemetry", "viewer", "teleop"]
 TOO_MANY, SIGNED_OUT = 1013, 4401
-CLOSE_S = 1.0
+CLOSE_S, GIVE_BACK_S = 1.0, 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +55,7 @@ class Sockets:
         self._metrics = metrics
         self._open: dict[int, _Open] = {}
         self._numbers = count()
+        self._giving_back = False
 
     async def serve(
         self, kind: Kind, socket: WebSocket, who: Caller, handler: Callable[[WebSocket], Awaitable[None]]
@@ -73,6 +75,8 @@ class Sockets:
         finally:
             del self._open[number]
             await _finish(handling)
+            if kind == "viewer":
+                self._give_back_soon()
         if entry.end.done():
             await _close(socket, *entry.end.result())
 
@@ -81,6 +85,16 @@ class Sockets:
         for entry in self._open.values():
             if entry.who.identity == identity:
                 entry.close(SIGNED_OUT, "signed out")
+
+    def _give_back_soon(self) -> None:
+        """Give the system the memory that views had, once for all that close together."""
+        if not self._giving_back:
+            self._giving_back = True
+            asyncio.get_running_loop().call_later(GIVE_BACK_S, self._give_back)
+
+    def _give_back(self) -> None:
+        self._giving_back = False
+        asyncio.get_running_loop().run_in_executor(None, _trim_heap)
 
     def _refusal(self, kind: Kind, who: Caller) -> str | None:
         """Return why one more socket is too many; an operator's takes the place of another one."""
@@ -100,6 +114,13 @@ class Sockets:
             return "too many operators"
         replaced[0].close(TOO_MANY, "an operator's took its place")
         return None
+
+
+def _trim_heap() -> None:
+    """Return freed memory to the system, which glibc by itself keeps; other C libraries have no such function."""
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
+    if trim is not None:
+        trim(0)
 
 
 async def _accept(socket: WebSocket) -> None:

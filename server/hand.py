@@ -26,12 +26,17 @@ class Hand:
     """Judges the input of one sender, whose clock is only known through its messages.
 
     The least difference of the clocks over the last pings is taken as no delay: age = now - t - min(now_k - t_k).
+    A press begins with the first drive after a zero, or with the first of all unless the drive is known to be
+    ``pressed`` already; whether it may move the robot is the robot node's decision (``snakeslam.runtime.driving``).
     """
 
-    def __init__(self) -> None:
+    def __init__(self, pressed: bool = False) -> None:
+        self.pressed = pressed
+        """Whether the sender holds the drive down, as far as it has said."""
+        self._begins = False
         self._offsets_s: deque[float] = deque(maxlen=OFFSETS_KEPT)
         self._seq = -1
-        self._taken_s = 0.0
+        self.taken_s = 0.0
         self.drive = 0.0
         self.turn = 0.0
 
@@ -54,22 +59,30 @@ class Hand:
             return "out of order"
         if not self._offsets_s:
             return "before any ping"
-        age_s = self.age_s(given.t_s, now_s)
-        if age_s > STALE_S:
-            return "stale"
-        if age_s < -STALE_S:
-            return "from the future"
-        self._seq, self._taken_s = given.seq, now_s
-        self.drive, self.turn = _stepped(given.drive), _stepped(given.turn)
+        drive, age_s = _stepped(given.drive), self.age_s(given.t_s, now_s)
+        # A zero can only stop, and counts however late it comes. A press that comes late must not begin any more.
+        if drive != 0.0 and abs(age_s) > STALE_S:
+            self.pressed = True
+            return "stale" if age_s > 0.0 else "from the future"
+        self._begins = drive != 0.0 and (self._begins or not self.pressed)
+        self.pressed = drive != 0.0
+        self._seq, self.taken_s = given.seq, now_s
+        self.drive, self.turn = drive, _stepped(given.turn)
         return None
+
+    def take_begins(self) -> bool:
+        """Return whether a press has begun since the last call."""
+        begins, self._begins = self._begins, False
+        return begins
 
     def silent(self, now_s: float) -> bool:
         """Whether it drives the robot but has said nothing for too long."""
-        return self.driving and now_s - self._taken_s > SILENT_S
+        return self.driving and now_s - self.taken_s > SILENT_S
 
     def release(self) -> None:
-        """Let go."""
+        """Stop driving on the sender's behalf: its press is over for the robot, though it may hold the drive down."""
         self.drive = self.turn = 0.0
+        self._begins = False
 
 
 def _stepped(value: float) -> float:

@@ -25,7 +25,8 @@ class Rates:
     estop: Rate = Rate(30.0, 10.0)
     write: Rate = Rate(60.0, 30.0)
     sign_in: Rate = Rate(10.0, 0.5)
-    teleop: Rate = Rate(60.0, 60.0)
+    teleop: Rate = Rate(300.0, 60.0)
+    """What has waited in the socket while the server stood still for some seconds must not cut the operator off."""
 
 
 DEFAULT_RATES = Rates()

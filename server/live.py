@@ -8,6 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
 from http import HTTPStatus
+from time import monotonic
 from typing import Literal
 
 import numpy as np
@@ -44,6 +45,8 @@ CONFIRM_S, ESTOP_CONFIRM_S = 2.0, 0.5
 REPEAT_S = 0.05
 """An E-stop that is pressed again and again is handed on so often."""
 PULSE_S = 0.1
+FROZEN_S, AWAKE_S = 1.0, 0.5
+"""After a freeze of the first, starts are refused for the second: they may have waited in the socket."""
 MAX_PATH = 20_000
 REST_M = 5e-4
 """A robot whose head moves less between two rows of its path rests."""
@@ -206,14 +209,14 @@ class Live:
         if child is not None:
             await child.stop()
 
-    async def command(self, command: Command) -> None:
-        """Send a command and wait until the session has obeyed it; Problem when it cannot."""
+    async def command(self, command: Command, made_s: float | None = None) -> None:
+        """Send a command made at ``made_s`` (monotonic, None: now), wait until it is obeyed; Problem when it cannot."""
         child = self._child
         if child is None or self.view.phase in ("ended", "failed"):
             raise Problem(HTTPStatus.CONFLICT, "no session is running; start the simulator first")
         if self.view.phase == "starting":
             raise Problem(HTTPStatus.CONFLICT, "the session is still starting; try again in a moment")
-        await self._send(child, command)
+        await self._send(child, command, monotonic() if made_s is None else made_s)
 
     async def control_playback(self, command: ControlPlayback) -> None:
         """Control how the recording plays, also after its end; Problem where none is open."""
@@ -224,11 +227,11 @@ class Live:
             raise Problem(HTTPStatus.CONFLICT, "the recording is still being opened; try again in a moment")
         await self._send(child, command)
 
-    async def _send(self, child: "_Child", command: Command) -> None:
+    async def _send(self, child: "_Child", command: Command, made_s: float | None = None) -> None:
         try:
             # Sending only hands over to the threads of the bus: it never waits, and so needs no thread of its own,
             # for which it would have to queue behind others' work.
-            refusal = await child.obeyed(child.host.send(command))
+            refusal = await child.obeyed(child.host.send(command, made_s))
         except (OSError, TimeoutError) as error:
             raise Problem(HTTPStatus.SERVICE_UNAVAILABLE, "the session did not answer") from error
         if refusal is not None:
@@ -291,13 +294,19 @@ class Live:
 
     async def move(self) -> None:
         """Set the robot going; Problem while the E-stop is latched or there is no robot."""
-        self.need_drive()
+        self._need_fresh_start()
         await self.command(Start())
 
     async def back_up(self) -> None:
         """Have the robot play its gait backwards for a while; Problem where a start would be one."""
-        self.need_drive()
+        self._need_fresh_start()
         await self.command(BackUp())
+
+    def _need_fresh_start(self) -> None:
+        """Raise a Problem when nothing may start, or the request may have waited for the end of a freeze."""
+        self.need_drive()
+        if self._child is not None and self._child.stood_still:
+            raise Problem(HTTPStatus.CONFLICT, "the server stood still meanwhile; start again")
 
     def need_drive(self) -> None:
         """Raise a Problem when nothing may move: the E-stop is latched, or there is no robot."""
@@ -352,6 +361,7 @@ class _Child:
         self._refusals: dict[int, str] = {}
         self._progress = asyncio.Event()
         self._repeat_s, self._repeating = 0.0, False
+        self._pulsed_s, self._awake_s = monotonic(), 0.0
         self._pulse = asyncio.create_task(self._pulse_on())
 
     async def start(self) -> None:
@@ -385,11 +395,20 @@ class _Child:
                 await self._progress.wait()
         return self._refusals.get(number)
 
+    @property
+    def stood_still(self) -> bool:
+        """Whether this loop has only just gone on after a freeze: what it reads now may have waited all the while."""
+        now_s = monotonic()
+        return now_s < self._awake_s or now_s - self._pulsed_s > FROZEN_S
+
     async def _pulse_on(self) -> None:
         """Tell the robot that this loop, and not just the process, is alive."""
         await keep_on("the server's pulse", self._pulse_once)
 
     async def _pulse_once(self) -> None:
+        if self.stood_still:
+            self._awake_s = monotonic() + AWAKE_S
+        self._pulsed_s = monotonic()
         self.host.pulse()
         await asyncio.sleep(PULSE_S)
 

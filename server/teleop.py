@@ -3,8 +3,10 @@
 import asyncio
 import contextlib
 import json
+from collections.abc import Callable
 from time import monotonic
 from typing import Annotated, Any, Literal
+from uuid import uuid4
 
 import structlog
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
@@ -17,10 +19,11 @@ from server.limits import Bucket, Rate
 from server.live import Live
 from server.metrics import Metrics
 from server.problem import Problem
-from snakeslam.runtime.topics import Drive
+from snakeslam.runtime.topics import Drive, Stop
 
 MAX_CHARS = 512
 LOOK_S = 0.05
+LEASES_KEPT = 64
 LOST_CONTROL, TOO_MUCH, BAD_MESSAGE = 4001, 4002, 4003
 _log = structlog.get_logger("teleop")
 
@@ -55,12 +58,22 @@ class Teleop:
     def __init__(self, live: Live, desk: Desk, metrics: Metrics, rate: Rate) -> None:
         self._live, self._desk, self._metrics, self._rate = live, desk, metrics, rate
         self._drivers: set[Driver] = set()
+        self._held_down: dict[str, None] = {}
+        """Leases whose last socket ended with the drive held down: the next one must let go first."""
         desk.listen(self._on_change)
 
     async def serve(self, socket: WebSocket) -> None:
         """Serve one websocket until either side ends it, then let go."""
         await socket.accept()
+<<<<<<< HEAD
         driver = Driver(socket, self._live, self._desk, self._metrics, Bucket(self._rate, monotonic()))
+=======
+        if len(self._drivers) >= MAX_SOCKETS:
+            await socket.close(1013, "too many operators")
+            return
+        bucket = Bucket(self._rate, monotonic())
+        driver = Driver(socket, self._live, self._desk, self._metrics, bucket, self._is_held_down)
+>>>>>>> 8d2f124 (A press of the drive that was held moves nothing until it is let go; what comes over the bus is checked; a listener removes nothing of others')
         self._drivers.add(driver)
         self._metrics.drivers.set(len(self._drivers))
         try:
@@ -68,6 +81,19 @@ class Teleop:
         finally:
             self._drivers.discard(driver)
             self._metrics.drivers.set(len(self._drivers))
+            self._remember(driver)
+
+    def _is_held_down(self, key: str) -> bool:
+        return key in self._held_down or any(driver.key == key and driver.pressed for driver in self._drivers)
+
+    def _remember(self, driver: "Driver") -> None:
+        if driver.key is None:
+            return
+        self._held_down.pop(driver.key, None)
+        if driver.pressed:
+            self._held_down[driver.key] = None
+        while len(self._held_down) > LEASES_KEPT:
+            del self._held_down[next(iter(self._held_down))]
 
     def _on_change(self) -> None:
         for driver in self._drivers:
@@ -77,14 +103,28 @@ class Teleop:
 class Driver:
     """One socket: a reader that judges, and a writer that hands the newest input to the session and answers."""
 
-    def __init__(self, socket: WebSocket, live: Live, desk: Desk, metrics: Metrics, bucket: Bucket) -> None:
+    def __init__(
+        self,
+        socket: WebSocket,
+        live: Live,
+        desk: Desk,
+        metrics: Metrics,
+        bucket: Bucket,
+        is_held_down: Callable[[str], bool],
+    ) -> None:
         self._socket, self._live, self._desk, self._metrics = socket, live, desk, metrics
         self._bucket = bucket
-        self._hand = Hand()
-        self._key: str | None = None
+        self._hand, self._name = Hand(), uuid4().hex[:8]
+        self._is_held_down = is_held_down
+        self.key: str | None = None
         self._newest: DriveInput | None = None
-        self._sent = (0.0, 0.0)
+        self._moves = False
         self._changed = asyncio.Event()
+
+    @property
+    def pressed(self) -> bool:
+        """Whether the drive is held down, as far as this socket has heard."""
+        return self._hand.pressed
 
     def wake(self) -> None:
         """Look at once whether anything has changed."""
@@ -96,7 +136,7 @@ class Driver:
             await first_of("a teleop socket", self._read(), self._write())
         finally:
             await self._let_go("the operator's page has gone")
-            self._desk.hurry(self._key)
+            self._desk.hurry(self.key)
 
     async def _read(self) -> None:
         with contextlib.suppress(WebSocketDisconnect, RuntimeError):
@@ -110,7 +150,7 @@ class Driver:
         if not self._bucket.take(monotonic()):
             return await self._close(TOO_MUCH, "too many messages")
         text = message.get("text") or ""
-        if self._key is None:
+        if self.key is None:
             return await self._hello(text)
         try:
             given = _MESSAGE.validate_json(text if len(text) <= MAX_CHARS else "")
@@ -132,14 +172,15 @@ class Driver:
             return await self._close(BAD_MESSAGE, "say hello with your lease first")
         if not self._desk.holds(key):
             return await self._close(LOST_CONTROL, "you do not have control")
-        self._key = key
+        self._hand.pressed = self._is_held_down(key)
+        self.key = key
         await self._answer({"type": "ready"})
         return True
 
     async def _ping(self, ping: Ping) -> None:
         self._hand.synchronise(ping.t_ms * 1e-3, monotonic())
-        if self._desk.holds(self._key):
-            self._desk.renew(self._key)
+        if self._desk.holds(self.key):
+            self._desk.renew(self.key)
         await self._answer({"type": "pong", "t_ms": ping.t_ms})
 
     def _judge(self, given: DriveInput) -> None:
@@ -155,7 +196,7 @@ class Driver:
                 with contextlib.suppress(TimeoutError):
                     await asyncio.wait_for(self._changed.wait(), LOOK_S)
                 self._changed.clear()
-                if self._key is not None and not self._desk.holds(self._key):
+                if self.key is not None and not self._desk.holds(self.key):
                     await self._let_go("control was lost")
                     await self._close(LOST_CONTROL, "you no longer have control")
                     return
@@ -168,18 +209,19 @@ class Driver:
         """Hand the newest input on; it answers when the session has obeyed."""
         given, self._newest = self._newest, None
         assert given is not None
-        refusal = await self._command(self._hand.drive, self._hand.turn)
+        begins = self._hand.take_begins()
+        refusal = await self._command(Drive(self._hand.drive, self._hand.turn, self._name, begins))
         done = {"type": "done", "seq": given.seq, "t_ms": given.t_ms}
         await self._answer(done if refusal is None else {**done, "type": "refused", "detail": refusal})
 
-    async def _command(self, drive: float, turn: float) -> str | None:
-        """Drive; return why it was refused."""
+    async def _command(self, command: Drive | Stop) -> str | None:
+        """Drive or stop, by what the hand last said; return why it was refused."""
         started = monotonic()
         try:
-            if drive != 0.0:
+            self._moves = isinstance(command, Drive) and command.drive != 0.0
+            if self._moves:
                 self._live.need_drive()
-            self._sent = (drive, turn)
-            await self._live.command(Drive(drive, turn))
+            await self._live.command(command, self._hand.taken_s if self._moves else None)
         except Problem as problem:
             self._hand.release()
             return problem.detail
@@ -187,13 +229,16 @@ class Driver:
         return None
 
     async def _let_go(self, why: str) -> None:
-        """Stop the robot, if this hand moves it."""
+        """Stop the robot, if this hand moves it.
+
+        A stop and not a drive of zero, by which the robot would believe that the hand has let go.
+        """
         self._hand.release()
         self._newest = None
-        if self._sent[0] == 0.0:
+        if not self._moves:
             return
         _log.warning("drive released", why=why)
-        refusal = await asyncio.shield(self._command(0.0, 0.0))
+        refusal = await asyncio.shield(self._command(Stop()))
         if refusal is not None:
             _log.error("release not confirmed", why=refusal)
 

@@ -9,7 +9,7 @@ import json
 import os
 import threading
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from time import monotonic, sleep
 from typing import Any, Generic, TypeVar
@@ -21,6 +21,7 @@ from snakeslam.errors import SnakeslamError
 from snakeslam.runtime.codec import WireError, decode, encode
 from snakeslam.runtime.link import UNIX, Link
 from snakeslam.runtime.log_limit import LogLimit, error_words
+from snakeslam.runtime.socket_path import claimed
 from snakeslam.runtime.topics import Topic
 
 T = TypeVar("T")
@@ -114,6 +115,11 @@ class Bus:
         self._opening = threading.Lock()
         self._outlets: dict[str, _Outlet[Any]] = {}
         self._subscribers: list[Any] = []
+        self._sizes: dict[str, int] = {}
+
+    def expect(self, sizes: Mapping[str, int]) -> None:
+        """Drop from now on what has arrays of other sizes than these, by their names in ``shapes``."""
+        self._sizes = dict(sizes)
 
     def publish(self, topic: Topic[T], message: T) -> None:
         """Send ``message``; returns at once."""
@@ -131,7 +137,9 @@ class Bus:
 
         def on_sample(sample: Any) -> None:
             try:
-                take(decode(topic.type, sample.payload.to_bytes()))
+                if len(sample.payload) > topic.most_bytes:
+                    raise WireError(f"a message of {len(sample.payload)} bytes, at most {topic.most_bytes} are allowed")
+                take(decode(topic.type, sample.payload.to_bytes(), self._sizes))
             except WireError as error:
                 if (left_out := limit.due("dropped")) is not None:
                     _log.warning("dropped", topic=topic.name, reason=str(error), left_out=left_out)
@@ -176,13 +184,13 @@ def _opened(link: Link) -> Any:
     if not (link.listens and link.endpoint.startswith(UNIX)):
         return zenoh.open(config)
     path = Path(link.endpoint.removeprefix(UNIX))
-    path.unlink(missing_ok=True)
-    before = os.umask(MODE)
-    try:
-        session = zenoh.open(config)
-    finally:
-        os.umask(before)
-    path.chmod(0o600)
+    with claimed(path):
+        before = os.umask(MODE)
+        try:
+            session = zenoh.open(config)
+        finally:
+            os.umask(before)
+        path.chmod(0o600)
     return session
 
 

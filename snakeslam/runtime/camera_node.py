@@ -5,12 +5,14 @@ from time import monotonic_ns
 
 from snakeslam.config import Config
 from snakeslam.garbage import collect_seldom
+from snakeslam.robot.model import snake_model
 from snakeslam.runtime.assembly import build_scene
 from snakeslam.runtime.bus import Bus
 from snakeslam.runtime.link import Link
 from snakeslam.runtime.node import Child, Life, spawn
 from snakeslam.runtime.pictures import Pictures
 from snakeslam.runtime.priority import go_apart
+from snakeslam.runtime.shapes import robot_sizes
 from snakeslam.runtime.topics import CAMERA_READY, EXPOSURES, FRAMES, PICTURES
 from snakeslam.runtime.wire import Beat, Exposure
 
@@ -28,6 +30,7 @@ def run_camera(config: Config, link: Link, life: Life) -> None:
     go_apart()
     scene = build_scene(config)
     bus = Bus(link, wanted=lambda: not life.over)
+    bus.expect(robot_sizes(snake_model(config.robot).joint_count))
     wanted: queue.Queue[Exposure] = queue.Queue()
     bus.subscribe(EXPOSURES, wanted.put)
     pictures = Pictures(lambda picture: bus.publish(PICTURES, picture))

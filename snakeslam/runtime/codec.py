@@ -1,9 +1,12 @@
 """Messages to bytes and back: MessagePack, checked against the type on the way in; nothing in it can run code.
 
-An array is (dtype, shape, bytes in C order); it must have the dtype that its field declares.
+An array is (dtype, shape, bytes in C order); it must have the dtype that its field declares and a shape that fits
+(``shapes``).
 """
 
+from collections.abc import Mapping
 from functools import cache
+from types import MappingProxyType
 from typing import Any, TypeVar, get_args, get_origin
 
 import msgspec
@@ -11,9 +14,11 @@ import numpy as np
 from pydantic import BaseModel, ValidationError
 
 from snakeslam.errors import SnakeslamError
+from snakeslam.runtime.shapes import check
 
 T = TypeVar("T")
 LARGEST_SIDE = 1 << 24
+NO_SIZES: Mapping[str, int] = MappingProxyType({})
 
 
 class WireError(SnakeslamError):
@@ -25,10 +30,15 @@ def encode(message: Any) -> bytes:
     return _ENCODER.encode(message)
 
 
-def decode(kind: type[T], data: bytes) -> T:
-    """Return the message of type ``kind`` in ``data``; WireError when there is none."""
+def decode(kind: type[T], data: bytes, sizes: Mapping[str, int] = NO_SIZES) -> T:
+    """Return the message of type ``kind`` in ``data``; WireError when there is none.
+
+    ``sizes`` are those of the arrays that the receiver knows, by their names in ``shapes``.
+    """
     try:
-        return _decoder(kind).decode(data)
+        message = _decoder(kind).decode(data)
+        check(message, sizes)
+        return message
     except (msgspec.MsgspecError, ValidationError, ValueError, TypeError) as error:
         raise WireError(f"no {kind.__name__}: {' '.join(str(error).split())}") from error
 

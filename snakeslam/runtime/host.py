@@ -20,6 +20,7 @@ from snakeslam.runtime.node import Child, spawn
 from snakeslam.runtime.orders import Sender
 from snakeslam.runtime.pipe_host import Host, PipeHost, Put
 from snakeslam.runtime.robot_node import run_robot
+from snakeslam.runtime.shapes import hello_sizes
 from snakeslam.runtime.slam_node import run_slam
 from snakeslam.runtime.spec import SessionSpec
 from snakeslam.runtime.supervisor import Supervisor
@@ -112,8 +113,8 @@ class NodesHost:
         for thread in self._threads:
             thread.start()
 
-    def send(self, command: Command) -> int:
-        """Send a command to the robot node."""
+    def send(self, command: Command, made_s: float | None = None) -> int:
+        """Send a command to the robot node, stamped with the robot's time at ``made_s`` (monotonic, None: now)."""
         with self._lock:
             # Known before there is a bus: a robot node that is still being made gets it then.
             if isinstance(command, EStop | ResetEStop):
@@ -121,7 +122,8 @@ class NodesHost:
             bus, now_ns = self._bus, self._clock.now_ns()
             if bus is None or (now_ns is None and not isinstance(command, EStop | Stop)):
                 raise BrokenPipeError("the robot has not been heard yet")
-            order = self._sender.order(command, now_ns or 0)
+            age_ns = 0 if made_s is None else round((monotonic() - made_s) * 1e9)
+            order = self._sender.order(command, (now_ns or 0) - age_ns)
             bus.publish(ESTOP if isinstance(command, EStop) else ORDERS, order)
             return order.number
 
@@ -199,6 +201,8 @@ class NodesHost:
         with self._lock:
             if hello.boot == self._dead_boot:
                 return
+            if self._bus is not None:
+                self._bus.expect(hello_sizes(hello))
             if self._known.hello is None or self._known.hello.boot != hello.boot:
                 if self._known.told is not None:
                     self._put(Restarting("the robot node was started again"))

@@ -24,7 +24,8 @@ class Sender:
         if isinstance(command, SetHead):
             return replace(plain, head=command.head)
         if isinstance(command, Drive):
-            return replace(plain, drive=command.drive, turn=command.turn)
+            hand, begins = command.hand, command.begins
+            return replace(plain, drive=command.drive, turn=command.turn, hand=hand, begins=begins)
         if isinstance(command, EStop):
             return replace(plain, reason=command.reason)
         return plain
@@ -36,7 +37,7 @@ def command_of(order: Order) -> Command:
     if order.kind in plain:
         return plain[order.kind]()
     if order.kind == "Drive":
-        return Drive(order.drive, order.turn)
+        return Drive(order.drive, order.turn, order.hand, order.begins)
     if order.kind == "EStop":
         return EStop(order.reason or "E-stop")
     if order.kind == "SetGait" and order.gait is not None:

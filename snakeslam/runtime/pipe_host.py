@@ -23,8 +23,11 @@ class Host(Protocol):
         """Start everything; blocks for as long as processes take to be made."""
         ...
 
-    def send(self, command: Command) -> int:
-        """Send; return the number that ``Tick.commands_done`` reaches when it is obeyed; OSError when it cannot go."""
+    def send(self, command: Command, made_s: float | None = None) -> int:
+        """Send a command made at ``made_s`` (monotonic, None: now); OSError when it cannot go.
+
+        Return the number that ``Tick.commands_done`` reaches when it is obeyed.
+        """
         ...
 
     def pulse(self) -> None:
@@ -55,8 +58,9 @@ class PipeHost:
         self._reader.start()
         threading.Thread(target=self._write, args=(self._pipe,), name="session-writer", daemon=True).start()
 
-    def send(self, command: Command) -> int:
-        """Send a command; never waits, though the process may be frozen and its pipe full."""
+    def send(self, command: Command, made_s: float | None = None) -> int:
+        """Send a command; never waits, though the process may be frozen and its pipe full; its age does not matter."""
+        del made_s
         with self._sending:
             if self._pipe is None or self._pipe.closed:
                 raise BrokenPipeError

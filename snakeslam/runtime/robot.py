@@ -29,7 +29,7 @@ from snakeslam.messages import (
 from snakeslam.runtime.answers import Answers
 from snakeslam.runtime.assembly import build_governor
 from snakeslam.runtime.blindness import Blindness
-from snakeslam.runtime.driving import SILENT_HAND, Driving
+from snakeslam.runtime.driving import SILENT_HAND
 from snakeslam.runtime.guard import STEP_S
 from snakeslam.runtime.log_limit import LogLimit, error_words
 from snakeslam.runtime.pacing import Pacer
@@ -89,7 +89,7 @@ class Robot:
         self._configured = config.gait
         self.safety = Safety(self._model.limits, LOST if required is None else required, estop_reason)
         self._gait = configured_gait(config.gait)
-        self._driving, self._governor = Driving(), build_governor(config)
+        self._governor = build_governor(config)
         self._blindness = Blindness(config.safety, config.estimator.health.min_features)
         self._notice: str | None = None
         self._period_s = 0.0
@@ -111,11 +111,18 @@ class Robot:
         self._limit = LogLimit()
         self._judge_gait()
 
+    @property
+    def joint_count(self) -> int:
+        """How many joints the robot has."""
+        return self._model.joint_count
+
     def obey(self, order: Order, command: Command, now_ns: int) -> str | None:
         """Obey a command at once, or return why not; the next joint target already does.
 
         An error on the way is a hold, and the answer says so.
         """
+        if isinstance(command, Drive):
+            command = replace(command, hand=f"{order.sender}/{command.hand}")
         try:
             refusal = self.safety.judge(order, command, now_ns) or self.take(command, now_ns)
         except Exception as error:  # noqa: BLE001
@@ -173,10 +180,6 @@ class Robot:
         """Advance one control period, stamped ``stamp_ns`` (None: now); None at the end of the backend."""
         if self._autostart_ns is not None and self.backend.t_ns >= self._autostart_ns:
             self._autostart(now_ns)
-        if self._driving.silent(now_ns):
-            # A hold, for the operator is lost: as quick as the joints can. Whoever drives on moves again.
-            self.safety.guard.hold(SILENT_HAND)
-            self._rest()
         self._watch_sight()
         self._steps_unseen += self.safety.moving
         target = self._target = self._next_target(now_ns)
@@ -210,7 +213,6 @@ class Robot:
         if self._estop_told:
             return
         self._estop_told = True
-        self._driving.hold()
         self._blindness.end()
         self._held = self.safety.guard.held_because
         self._say("error", f"E-stop: {reason}")
@@ -276,7 +278,6 @@ class Robot:
         refusal = self.safety.start(now_ns)
         if refusal is None:
             self._held = None
-            self._driving.end()
             self._command(1.0)
             if not was_moving or self._blindness.backs_up:
                 self._blindness.start(self.backend.t_ns)
@@ -289,7 +290,6 @@ class Robot:
         refusal = self.safety.start(now_ns)
         if refusal is None:
             self._held = None
-            self._driving.end()
             self._blindness.back_up(self.backend.t_ns)
             self._command(-1.0)
             self._say("info", "back up")
@@ -299,43 +299,38 @@ class Robot:
         """Hold a robot that has gone blind for too long; end a back-up that has lasted long enough."""
         if self.safety.moving and self._blindness.too_long(self.backend.t_ns):
             self._blindness.stop()
-            self.safety.guard.hold(self._blindness.words)
+            self.safety.hold(self._blindness.words)
         elif self._blindness.backed_up(self.backend.t_ns):
-            self._rest(self._gait.turn)
+            self._stop()
 
     def _drive(self, command: Drive, now_ns: int) -> str | None:
         """Move as the operator's hand says, for as long as it goes on saying so; 0 lets go."""
         self._autostart_ns = None
-        moving = command.drive != 0.0
-        refusal = self._driving.refusal() or self.safety.may_start(now_ns) if moving else None
+        if command.drive == 0.0:
+            self.safety.driving.let_go(command.hand)
+            self._stop(command.turn)
+            return None
+        refusal = self.safety.may_drive(command.hand, command.begins, now_ns)
         if refusal is not None:
             return refusal
         if (command.drive, command.turn) != (self._gait.drive, self._gait.turn):
             self._command(command.drive, replace(self._gait, turn=command.turn))
-        if not moving:
-            self._rest(self._gait.turn)
-            return None
         if not self.safety.moving or self._blindness.backs_up:
             self._held = None
-            self.safety.start(now_ns)
             self._blindness.start(self.backend.t_ns)
             self._say("info", f"start {self._gait.gait}")
-        self._driving.drive(now_ns)
+        self.safety.drive(command.hand, now_ns)
         return None
 
-    def _rest(self, turn: float = 0.0) -> None:
-        """Come to rest; what the hand steered goes with the hand."""
+    def _stop(self, turn: float | None = None) -> None:
+        """Come to rest."""
+        self._autostart_ns = None
         was_moving = self.safety.moving
-        self._driving.end()
         self._blindness.end()
         self.safety.stop()
-        self._command(0.0, replace(self._gait, turn=turn))
+        self._command(0.0, replace(self._gait, turn=self._gait.turn if turn is None else turn))
         if was_moving:
             self._say("info", "stop")
-
-    def _stop(self) -> None:
-        self._autostart_ns = None
-        self._rest(self._gait.turn)
 
     def _notice_hold(self) -> None:
         """Let control come to rest too where safety holds the robot, and tell why."""
@@ -343,11 +338,11 @@ class Robot:
         if held is None or held == self._held:
             return
         self._held = held
-        self._driving.hold()
         self._blindness.end()
         self._say("error", f"held: {held}; start to move again")
         try:
-            self._command(0.0)
+            # What the hand steered goes with the hand.
+            self._command(0.0, replace(self._gait, turn=0.0) if held == SILENT_HAND else None)
         except Exception as error:  # noqa: BLE001
             self.fault("control", error)
 

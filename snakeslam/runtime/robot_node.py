@@ -26,6 +26,7 @@ from snakeslam.runtime.priority import go_first
 from snakeslam.runtime.robot import Robot, Step
 from snakeslam.runtime.robot_time import RobotTime
 from snakeslam.runtime.safety import SLAM
+from snakeslam.runtime.shapes import robot_sizes
 from snakeslam.runtime.spec import SessionSpec
 from snakeslam.runtime.supervisor import Supervisor
 from snakeslam.runtime.topics import EXPOSURES, FRAMES, HELLO, ROBOT_EVENTS, ROBOT_STATE, SENSORS, EStop, Event
@@ -97,8 +98,9 @@ class RobotNode:
             self._robot.fault(what, error)
 
     def _note_time(self) -> None:
-        self._robot.safety.turn(monotonic_ns())
-        self._time.turn(monotonic_ns(), self._robot.backend.t_ns)
+        clock_ns = monotonic_ns()
+        self._time.turn(clock_ns, self._robot.backend.t_ns)
+        self._robot.safety.turn(clock_ns, self._time.at(clock_ns))
 
     def _newest_hello(self) -> Hello:
         robot = self._robot
@@ -229,6 +231,7 @@ def run_robot(spec: SessionSpec, link: Link, life: Life) -> None:
             parts.start("camera", lambda: camera_process(spec.config, replace(link, listens=False)))
         with closing(_build(spec)) as backend, closing(Bus(link, wanted=lambda: not life.over)) as bus:
             robot = _robot(spec, backend, bus)
+            bus.expect(robot_sizes(robot.joint_count))
             collect_seldom()
             _go_on(RobotNode(robot, bus, _hello(spec, robot), apart, deaths), robot, life)
     finally:

@@ -7,6 +7,8 @@
 | the server's link, or slam's word, lost: hold within .5 s, and until somebody starts it again | ``Watch`` |
 | a sensor silent, as slam reports it: the same | ``Watch``, ``sensor_watch`` |
 | the robot's own loop stood still for 1 s: hold | ``Safety.turn`` |
+| a start or drive that was sent before the last hold is dropped | ``Safety.judge`` |
+| the hand silent for 300 ms: hold; a press that was held must be let go first | ``driving.Driving`` |
 | the E-stop latches here; clearing it never moves the robot | ``guard.Guard`` |
 
 Times are the robot's own clock, integer nanoseconds; a sender stamps by that clock as it last heard it (``clock``).
@@ -16,15 +18,17 @@ from collections.abc import Mapping
 
 from snakeslam.messages import Float, JointTarget
 from snakeslam.robot.limits import JointLimits
+from snakeslam.runtime.driving import SILENT_HAND, Driving
 from snakeslam.runtime.guard import Guard
 from snakeslam.runtime.intake import FUTURE_NS, Intake
-from snakeslam.runtime.topics import Command
+from snakeslam.runtime.topics import BackUp, Command, Drive, Start
 from snakeslam.runtime.wire import Order
 
 SILENT_NS = 300_000_000
 """A link whose newest beat is older than this is lost. The brake takes .15 s at most: a hold within .45 s."""
 FROZEN_NS = 1_000_000_000
 FROZEN = "the robot node itself stood still"
+BEFORE_THE_HOLD = "it was sent before the robot was held"
 SERVER, SLAM = "server", "slam"
 LOST = {SERVER: "the link to the operator's server is lost", SLAM: "the estimator is silent"}
 
@@ -60,10 +64,13 @@ class Safety:
 
     def __init__(self, limits: JointLimits, required: Mapping[str, str], estop_reason: str | None = None) -> None:
         self.guard = Guard(limits, estop_reason)
+        self.driving = Driving()
         self._watch = Watch(required)
         self._intake = Intake()
         self._moving = False
         self._turned_ns: int | None = None
+        self._now_ns: int | None = None
+        self._held_ns: int | None = None
 
     @property
     def moving(self) -> bool:
@@ -77,7 +84,11 @@ class Safety:
 
     def judge(self, order: Order, command: Command, now_ns: int) -> str | None:
         """Return why ``order`` is dropped; None when it is to be obeyed."""
-        return self._intake.judge(order, command, now_ns)
+        refusal = self._intake.judge(order, command, now_ns)
+        moves = isinstance(command, Start | BackUp) or (isinstance(command, Drive) and command.drive != 0.0)
+        if refusal is None and moves and self._held_ns is not None and order.stamp_ns < self._held_ns:
+            return BEFORE_THE_HOLD
+        return refusal
 
     def beat(self, name: str, stamp_ns: int, now_ns: int) -> None:
         """Take a sign of life of ``name``."""
@@ -87,11 +98,17 @@ class Safety:
         """Note what the required input ``name`` says is missing to it, such as slam's camera; None: nothing."""
         self._watch.report(name, missing)
 
-    def turn(self, now_ns: int) -> None:
-        """Tell that the robot's loop gets on; after a freeze the world may be another."""
-        if self._moving and self._turned_ns is not None and now_ns - self._turned_ns > FROZEN_NS:
-            self.hold(FROZEN)
-        self._turned_ns = now_ns
+    def turn(self, clock_ns: int, now_ns: int | None = None) -> None:
+        """Note that the robot's loop gets on, at ``clock_ns`` of the node's clock; after a freeze the robot is held.
+
+        ``now_ns`` is the robot's time (None: the same). What was sent before the end of a freeze moves nothing.
+        """
+        self._now_ns = clock_ns if now_ns is None else now_ns
+        if self._turned_ns is not None and clock_ns - self._turned_ns > FROZEN_NS:
+            self._held_ns = self._now_ns
+            if self._moving:
+                self.hold(FROZEN)
+        self._turned_ns = clock_ns
 
     def lost(self, now_ns: int) -> str | None:
         """Return which required input is missing, in words."""
@@ -107,21 +124,40 @@ class Safety:
         if refusal is None:
             self.guard.resume()
             self._moving = True
+            self.driving.start()
         return refusal
 
+    def may_drive(self, hand: str, begins: bool, now_ns: int) -> str | None:
+        """Return why this hand's drive is refused, which ends its press; None when it may be."""
+        refusal = self.driving.refusal(hand, begins) or self.may_start(now_ns)
+        if refusal is not None:
+            self.driving.refuse(hand)
+        return refusal
+
+    def drive(self, hand: str, now_ns: int) -> None:
+        """Move by this hand's press, after ``may_drive``, for as long as it is repeated."""
+        if not self._moving:
+            self.start(now_ns)
+        self.driving.press(hand, now_ns)
+
     def stop(self) -> None:
-        """The operator has told it to come to rest: no input is required any more."""
+        """The operator has stopped it: no input is required any more, and a hand must let go before it drives again."""
+        self.driving.hold()
         self._moving = False
 
     def hold(self, reason: str) -> None:
-        """Ramp to a hold; only a start moves it again."""
+        """Ramp to a hold; only a start or a new press moves it again."""
         self.guard.hold(reason)
-        self._moving = False
+        self._note_hold()
+
+    def _note_hold(self) -> None:
+        self.driving.hold()
+        self._moving, self._held_ns = False, self._now_ns
 
     def latch(self, reason: str) -> None:
         """E-stop."""
         self.guard.latch(reason)
-        self._moving = False
+        self._note_hold()
 
     def reset(self) -> None:
         """Clear the E-stop; the robot stays where it is."""
@@ -129,16 +165,18 @@ class Safety:
 
     def step(self, target: JointTarget, now_ns: int, q_measured_rad: Float | None = None) -> JointTarget:
         """Return what the servos get for control's ``target`` at ``now_ns``."""
+        self._now_ns = now_ns
         if self._moving and (missing := self._watch.lost(now_ns)) is not None:
             self.hold(missing)
+        if self.driving.silent(now_ns):
+            self.hold(SILENT_HAND)
         if q_measured_rad is not None:
             self.guard.start_at(q_measured_rad)
         passed = self.guard.step(target)
-        if self.guard.held_because is not None:
-            self._moving = False
+        if self._moving and self.guard.held_because is not None:
+            self._note_hold()
         return passed
 
     def brake(self, t_ns: int) -> JointTarget | None:
         """Return what the servos get where control has failed: the brake ramp; None where no angles are known yet."""
-        self._moving = False
         return self.guard.brake(t_ns)

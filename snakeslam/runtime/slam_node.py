@@ -23,6 +23,7 @@ from snakeslam.runtime.node import Life, run_beside
 from snakeslam.runtime.pictures import Pictures
 from snakeslam.runtime.priority import SLAM_NICE, go_apart
 from snakeslam.runtime.sensor_watch import CAMERA, IMU, JOINTS, SensorWatch
+from snakeslam.runtime.shapes import hello_sizes
 from snakeslam.runtime.topics import (
     CHUNKS,
     ESTIMATES,
@@ -229,6 +230,7 @@ class SlamNode:
         if self._mapping is not None and self._mapping.boot == hello.boot:
             return
         self._chunks.clear()
+        self._bus.expect(hello_sizes(hello))
         self._mapping = Mapping(self._config, hello, self._put)
         _log.info("mapping", boot=hello.boot, mode=self._mapping.mode, goes_on=hello.last_pose is not None)
 

@@ -45,11 +45,15 @@ class Stop:
 class Drive:
     """The operator's hand: move at ``drive`` of the gait's pace and ``turn``, both in [-1, 1], while it is repeated.
 
-    Without another within ``driving.SILENT_NS`` the robot stops; 0 lets go.
+    Without another within ``driving.SILENT_NS`` the robot is held; 0 lets go. ``hand`` names the input among those of
+    its sender, ``begins`` says that it was let go before: a press that was refused, or ended by a hold, does not move
+    the robot again until it is let go (``driving``).
     """
 
     drive: float
     turn: float = 0.0
+    hand: str = ""
+    begins: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -307,6 +311,8 @@ Report = Opening | Started | Tick | Picture | Features | MapChunk | Event | Rest
 
 T_co = TypeVar("T_co", covariant=True)
 Policy = Literal["lossless", "newest", "urgent"]
+BULKY_BYTES, SMALL_BYTES = 1 << 26, 1 << 22
+"""64 MB is a colour image with depth of 9 megapixels; 4 MB the largest JPEG."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -323,6 +329,11 @@ class Topic(Generic[T_co]):
     policy: Policy
     recorded: bool = False
     bulky: bool = False
+
+    @property
+    def most_bytes(self) -> int:
+        """What a message may have at most; a larger one is dropped unread."""
+        return BULKY_BYTES if self.bulky else SMALL_BYTES
 
 
 ESTOP = Topic("robot/estop", Order, None, "urgent", recorded=True)

@@ -33,6 +33,8 @@ class Order:
     reason: str | None = None
     drive: float = 0.0
     turn: float = 0.0
+    hand: str = ""
+    begins: bool = False
 
 
 @dataclass(frozen=True, slots=True)

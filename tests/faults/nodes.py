@@ -31,6 +31,7 @@ from snakeslam.runtime.topics import (
     SENSORS,
     SLAM_STATE,
     Command,
+    Drive,
     EStop,
     Event,
     RobotState,
@@ -133,6 +134,8 @@ class Nodes:
     def wait_moving(self, command: Command | None = None) -> None:
         """Wait until the servos move; ``command`` is repeated meanwhile."""
         since_ns = time.monotonic_ns()
+        if isinstance(command, Drive):
+            self.order(Drive(0.0))  # a hand that this robot node has not seen open must let go first
 
         def moving() -> bool:
             if command is not None:

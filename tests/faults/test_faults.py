@@ -8,6 +8,7 @@ import signal
 import time
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import httpx
@@ -17,11 +18,12 @@ import pytest
 from snakeslam.cli import main as cli
 from snakeslam.errors import SnakeslamError
 from snakeslam.messages import GaitCommand
-from snakeslam.runtime.driving import SILENT_HAND
+from snakeslam.robot.model import PRESETS
+from snakeslam.runtime.driving import LET_GO_FIRST, SILENT_HAND
 from snakeslam.runtime.health import check
 from snakeslam.runtime.safety import FROZEN, LOST, SERVER, SLAM
-from snakeslam.runtime.topics import Drive, EStop, ResetEStop, SetGait, Start, Stop
-from tests.faults.nodes import HOLD_NS, Nodes, wait_for
+from snakeslam.runtime.topics import Command, Drive, EStop, ResetEStop, SetGait, Start, Stop
+from tests.faults.nodes import BRAKE_STEPS, HOLD_NS, Nodes, wait_for
 from tests.server.running import START_S, Running, start
 
 STALE_NS = 400_000_000
@@ -176,7 +178,7 @@ def test_an_estop_latches_at_once_under_a_flood_of_commands(moving: Site) -> Non
     nodes.answered(last)
     assert moving.post("/gait/start").status_code == 409
     assert nodes.answered(nodes.order(Start())) is not None
-    assert nodes.answered(nodes.order(Drive(1.0))) is not None
+    assert nodes.answered(nodes.order(Drive(1.0, begins=True))) is not None
     nodes.assert_still()
     assert nodes.answered(nodes.order(ResetEStop())) is None
     nodes.assert_still()
@@ -191,6 +193,9 @@ def test_a_hand_that_falls_silent_leaves_a_held_robot(site: Site) -> None:
     nodes.assert_held(silent_ns)
     assert not nodes.states[-1].moving
     assert nodes.states[-1].held_because == SILENT_HAND
+    assert nodes.answered(nodes.order(Drive(1.0, 0.5))) == LET_GO_FIRST
+    nodes.assert_still()
+    nodes.wait_moving(Drive(1.0, 0.5))
     site.moving()
     site.post("/gait/stop")
 
@@ -218,6 +223,47 @@ def test_what_must_not_be_obeyed_changes_nothing(moving: Site) -> None:
     state = nodes.states[-1]
     assert state.gait is not None
     assert (state.gait.gait, state.gait.drive, state.moving) == ("serpentine", 1.0, True)
+
+
+@pytest.mark.parametrize("command", [Stop(), Drive(0.0), EStop("late")], ids=["stop", "let go", "E-stop"])
+def test_what_can_only_stop_is_obeyed_however_late(moving: Site, command: Command) -> None:
+    nodes = moving.nodes
+    for stamp_ns in (0, time.monotonic_ns() - 10**10, time.monotonic_ns() + 10**11):
+        assert nodes.answered(nodes.order(command, stamp_ns)) is None
+        assert not nodes.states[-1].moving
+        assert (nodes.states[-1].estop_reason is not None) == isinstance(command, EStop)
+        nodes.answered(nodes.order(ResetEStop()))
+        moving.moving()
+
+
+def test_every_target_keeps_within_the_limits_of_the_joints(moving: Site) -> None:
+    """Gaits that follow upon each other without a pause, and a stop in the middle."""
+    nodes = moving.nodes
+    limits = PRESETS["orthogonal24"].limits
+    since_ns = time.monotonic_ns()
+    for name in ("sidewinding", "arc_rolling", "pedal", "serpentine"):
+        nodes.answered(nodes.order(SetGait(GaitCommand(0, name, period_s=2.0))))
+        nodes.wait_moving()
+    nodes.answered(nodes.order(EStop("limits")))
+    nodes.assert_still()
+    with nodes.lock:
+        q = np.array([angles for stamp, angles in nodes.steps if stamp >= since_ns])
+    rates = np.diff(q, axis=0) / 0.01
+    assert np.abs(q).max() <= limits.position_rad
+    assert 0.1 < np.abs(rates).max() <= limits.rate_rad_s + 1e-9
+    assert np.abs(np.diff(rates, axis=0)).max() / 0.01 <= limits.acceleration_rad_s2 * (1 + 1e-6)
+
+
+def test_a_hold_brakes_every_joint_as_fast_as_it_can(moving: Site) -> None:
+    nodes = moving.nodes
+    nodes.answered(nodes.order(EStop("brake")))
+    nodes.assert_still()
+    latched_ns = next(state.stamp_ns for state in nodes.states if state.estop_reason == "brake")
+    rates = [step / 0.01 for _, step in nodes.rates(latched_ns)]
+    taken_off = PRESETS["orthogonal24"].limits.acceleration_rad_s2 * 0.01
+    assert sum(rate > 0.0 for rate in rates) <= BRAKE_STEPS
+    # The fastest joint slows down by all that is allowed, until less than that is left.
+    assert all(after <= max(before - taken_off, taken_off) + 1e-9 for before, after in pairwise(rates))
 
 
 def test_a_message_that_is_none_is_dropped(moving: Site) -> None:

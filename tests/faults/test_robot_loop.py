@@ -11,11 +11,12 @@ from pathlib import Path
 import pytest
 
 from snakeslam.runtime.bus import Bus
+from snakeslam.runtime.guard import NOT_FINITE
 from snakeslam.runtime.orders import Sender
 from snakeslam.runtime.safety import SERVER
 from snakeslam.runtime.topics import ESTOP, SERVER_BEAT, EStop, ResetEStop, Start, Stop
 from snakeslam.runtime.wire import Beat, Order
-from tests.faults.failing_robot import failing_robot
+from tests.faults.failing_robot import failing_control, failing_robot
 from tests.faults.nodes import HOLD_NS, Nodes, wait_for
 
 ROUNDS = 12
@@ -102,3 +103,15 @@ def test_a_robot_that_fails_for_some_steps_is_held_and_can_be_started_again(tmp_
             nodes.assert_held(held.stamp_ns - HOLD_NS)
         assert nodes.robot.process.is_alive()
         wait_for(lambda: any("the servo bus does not answer" in event.text for event in nodes.events))
+
+
+def test_control_that_gives_no_numbers_or_raises_leaves_a_held_robot_that_can_be_started_again(tmp_path: Path) -> None:
+    nodes = Nodes(tmp_path, failing_control)
+    with closing(nodes), closing(Operator(nodes)) as operator:
+        for reason in (NOT_FINITE, "control failed: FloatingPointError: overflow"):
+            operator.start()
+            wait_for(lambda: nodes.states[-1].held_because is not None)
+            held = nodes.states[-1]
+            assert held.held_because == reason
+            nodes.assert_held(held.stamp_ns - HOLD_NS)
+        assert nodes.robot.process.is_alive()

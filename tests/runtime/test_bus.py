@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+import structlog
 
 from snakeslam.errors import InputError
 from snakeslam.runtime.bus import Bus, BusError
@@ -84,6 +85,40 @@ def test_a_reader_that_sleeps_holds_nobody_up_and_has_the_newest(pair: tuple[Bus
     assert len(heard) == 1, "publishing has waited for the reader"
     awake.set()
     wait_for(lambda: heard[-1].stamp_ns == 499)
+
+
+def test_nonsense_is_dropped_and_logged_once_and_a_subscriber_that_fails_hears_the_next(
+    pair: tuple[Bus, Bus], capsys: pytest.CaptureFixture[str]
+) -> None:
+    hub, node = pair
+    heard: list[Event] = []
+
+    def fail_at_first(event: Event) -> None:
+        heard.append(event)
+        if len(heard) == 1:
+            raise RuntimeError("the subscriber is broken")
+
+    node.subscribe(ROBOT_EVENTS, fail_at_first)
+    structlog.configure(processors=[structlog.processors.JSONRenderer()], cache_logger_on_first_use=False)
+    try:
+        wait_for(lambda: hub.publish(ROBOT_EVENTS, Event(0, "info", "")) or len(heard) > 1)
+        for data in [b"nonsense"] * 1000 + [b"\0" * (ROBOT_EVENTS.most_bytes + 1)]:
+            hub._session.put(f"snakeslam/{ROBOT_EVENTS.name}", data)
+        hub.publish(ROBOT_EVENTS, Event(99, "info", "after it"))
+        wait_for(lambda: heard[-1].t_ns == 99)
+    finally:
+        structlog.reset_defaults()
+    lines = capsys.readouterr().out.splitlines()
+    assert len([line for line in lines if '"dropped"' in line]) == 1
+    assert len([line for line in lines if '"not handled"' in line]) == 1
+
+
+def test_a_message_that_cannot_be_sent_does_not_end_its_topic(pair: tuple[Bus, Bus]) -> None:
+    hub, node = pair
+    heard = until_heard(hub, node)
+    hub.publish(ROBOT_EVENTS, Event(1, "info", object()))  # pyright: ignore[reportArgumentType]
+    hub.publish(ROBOT_EVENTS, Event(2, "info", "the next"))
+    wait_for(lambda: heard[-1].t_ns == 2)
 
 
 def test_a_hub_that_comes_back_is_found_again(tmp_path: Path) -> None:

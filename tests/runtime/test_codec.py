@@ -1,6 +1,7 @@
 """Messages over the wire: every topic's type comes back as it was, and nothing else gets through."""
 
-from typing import Any
+from dataclasses import replace
+from typing import Any, get_args, get_origin, get_type_hints
 
 import msgspec
 import numpy as np
@@ -27,6 +28,7 @@ from snakeslam.robot.model import RobotSettings
 from snakeslam.runtime.codec import WireError, decode, encode
 from snakeslam.runtime.governor import Governed, Phase
 from snakeslam.runtime.orders import Sender, command_of
+from snakeslam.runtime.shapes import SHAPES, hello_sizes, robot_sizes
 from snakeslam.runtime.topics import (
     TOPICS,
     Answer,
@@ -144,3 +146,86 @@ def test_an_array_that_is_not_what_its_field_declares_is_refused(array: Any) -> 
     data = msgspec.msgpack.encode({"t_ns": 1, "q_rad": array, "head_roll_rad": None})
     with pytest.raises(WireError, match="JointTarget"):
         decode(JointTarget, data)
+
+
+def array_fields(kind: type) -> set[tuple[type, str]]:
+    """Every (message, field) below ``kind`` that holds an array."""
+    found: set[tuple[type, str]] = set()
+    for name, hint in get_type_hints(kind).items() if hasattr(kind, "__dataclass_fields__") else ():
+        for part in (hint, *get_args(hint), *(inner for arg in get_args(hint) for inner in get_args(arg))):
+            if (get_origin(part) or part) is np.ndarray:
+                found.add((kind, name))
+            elif isinstance(part, type) and part is not kind:
+                found |= array_fields(part)
+    return found
+
+
+def test_every_array_on_the_bus_has_its_shape_in_the_table() -> None:
+    declared = {(kind, name) for kind, names in SHAPES.items() for name in names}
+    assert declared == set().union(*(array_fields(topic.type) for topic in TOPICS))
+
+
+def changed(message: Any, path: str, value: Any) -> Any:
+    """Return ``message`` with the field at the dotted ``path`` (a number: of a tuple) replaced."""
+    name, _, rest = path.partition(".")
+    if isinstance(message, tuple):
+        items = list(message)
+        items[int(name)] = changed(items[int(name)], rest, value) if rest else value
+        return tuple(items)
+    return replace(message, **{name: changed(getattr(message, name), rest, value) if rest else value})
+
+
+@pytest.mark.parametrize(
+    ("kind", "path", "value"),
+    [
+        (Estimate, "pose.T_WI", np.eye(3)),
+        (Estimate, "pose.T_WI", np.full((4, 4), np.nan)),
+        (Estimate, "pose.cov", np.eye(6)),
+        (Estimate, "pose.v_W", np.zeros((3, 1))),
+        (Estimate, "t_ns", 1 << 63),
+        (Sensors, "imu.0.gyro_I", np.zeros(2)),
+        (Sensors, "joints.q_rad", np.zeros((2, 12))),
+        (Sensors, "joints.dq_rad_s", np.zeros(23)),
+        (Sensors, "joints.q_rad", Q * np.inf),
+        (Sensors, "target.q_rad", np.zeros(23)),
+        (Sensors, "target.head_roll_rad", np.nan),
+        (Sensors, "truth.0.T_WI", np.eye(3)),
+        (Sensors, "stamp_ns", -(1 << 63)),
+        (RobotState, "q_target_rad", np.zeros(0)[None]),
+        (RobotState, "period_s", np.inf),
+        (CameraFrame, "gray", GRAY[0]),
+        (CameraFrame, "depth_m", np.zeros((4, 3), np.float32)),
+        (CameraFrame, "rgb", np.zeros((3, 4, 4), np.uint8)),
+        (Exposure, "shot.Ts_WL", np.zeros((3, 4))),
+        (Exposure, "shot.w_C", np.full(3, np.inf)),
+        (MapChunk, "rgb", np.zeros((4, 3), np.uint8)),
+        (MapChunk, "points_K", np.full((5, 3), np.nan, np.float32)),
+        (MapChunk, "key", 1 << 63),
+        (SlamState, "T_WI", np.eye(3)),
+        (Beat, "stamp_ns", 1 << 63),
+        (Order, "number", 1 << 63),
+    ],
+)
+def test_a_message_with_a_wrong_shape_or_number_is_dropped(kind: type, path: str, value: Any) -> None:
+    with pytest.raises(WireError, match=kind.__name__):
+        decode(kind, encode(changed(EXAMPLES[kind], path, value)))
+
+
+def test_what_the_sensors_do_not_know_may_be_no_number() -> None:
+    unknown = changed(EXAMPLES[Sensors], "joints.temperature_degc", Q * np.nan)
+    assert same(unknown, decode(Sensors, encode(unknown)))
+
+
+@pytest.mark.parametrize("kind", [Sensors, RobotState])
+def test_a_robot_of_another_size_is_dropped_where_the_robot_is_known(kind: type) -> None:
+    data = encode(EXAMPLES[kind])
+    assert decode(kind, data, robot_sizes(24)) is not None
+    with pytest.raises(WireError, match="joints = 35"):
+        decode(kind, data, robot_sizes(35))
+
+
+def test_a_frame_of_another_size_is_dropped_where_the_camera_is_known() -> None:
+    frame = CameraFrame(1, 2, np.zeros((240, 320), np.uint8))
+    assert decode(CameraFrame, encode(frame), hello_sizes(EXAMPLES[Hello])) is not None
+    with pytest.raises(WireError, match="height = 240, width = 320"):
+        decode(CameraFrame, encode(EXAMPLES[CameraFrame]), hello_sizes(EXAMPLES[Hello]))

@@ -15,6 +15,7 @@ from snakeslam.runtime.driving import LET_GO_FIRST, SILENT_HAND, SILENT_NS
 from snakeslam.runtime.governor import Phase
 from snakeslam.runtime.orders import Sender
 from snakeslam.runtime.robot import Robot
+from snakeslam.runtime.safety import BEFORE_THE_HOLD, FROZEN, FROZEN_NS
 from snakeslam.runtime.topics import Command, Drive, EStop, Event, ResetEStop, SetGait, SetHead, Start, Stop, Tick
 from snakeslam.runtime.wire import Estimate
 from tests.server.still_robot import StillRobot
@@ -186,7 +187,7 @@ def drive_for(bench: Bench, count: int, command: Drive) -> list[str | None]:
 
 def test_the_hand_drives_backwards_and_steers_for_as_long_as_it_goes_on() -> None:
     bench = Bench()
-    assert set(drive_for(bench, 20, Drive(-0.5, 0.4))) == {None}
+    assert set(drive_for(bench, 20, Drive(-0.5, 0.4, begins=True))) == {None}
     assert bench.tick.moving
     assert bench.tick.gait is not None
     assert (bench.tick.gait.drive, bench.tick.gait.turn) == (-0.5, 0.4)
@@ -201,7 +202,7 @@ def test_the_hand_drives_backwards_and_steers_for_as_long_as_it_goes_on() -> Non
 
 def test_a_silent_hand_holds_the_robot_in_time_and_is_told() -> None:
     bench = Bench()
-    drive_for(bench, 5, Drive(1.0, 1.0))
+    drive_for(bench, 5, Drive(1.0, 1.0, begins=True))
     bench.take(Drive(1.0, 1.0))
     bench.steps(SILENT_NS // STEP_NS)
     assert bench.tick.moving
@@ -213,13 +214,16 @@ def test_a_silent_hand_holds_the_robot_in_time_and_is_told() -> None:
     assert ("error", f"held: {SILENT_HAND}; start to move again") in events(bench)
     bench.steps(15)
     assert np.ptp(bench.steps(20), axis=0).max() == 0.0, "at rest .45 s after the last word"
+    assert set(drive_for(bench, 3, Drive(1.0))) == {LET_GO_FIRST}
+    assert np.ptp(bench.steps(20), axis=0).max() == 0.0, "a hand that was silent and did not let go moves it again"
+    bench.take(Drive(0.0))
     assert bench.take(Drive(1.0)) is None
     assert (bench.tick.moving, bench.tick.held_because) == (True, None)
 
 
 def test_a_start_needs_no_hand_and_takes_over_from_one() -> None:
     bench = Bench()
-    bench.take(Drive(0.5))
+    bench.take(Drive(0.5, begins=True))
     bench.take(Start())
     bench.steps(100)
     assert bench.tick.moving
@@ -229,7 +233,7 @@ def test_a_start_needs_no_hand_and_takes_over_from_one() -> None:
 
 def test_a_gait_that_is_set_while_driving_keeps_the_drive() -> None:
     bench = Bench()
-    bench.take(Drive(-0.5, 0.2))
+    bench.take(Drive(-0.5, 0.2, begins=True))
     bench.take(SetGait(GaitCommand(0, "serpentine", turn=0.1, period_s=5.0)))
     assert bench.tick.gait is not None
     assert (bench.tick.gait.drive, bench.tick.gait.turn, bench.tick.gait.period_s) == (-0.5, 0.1, 5.0)
@@ -240,7 +244,7 @@ def test_a_hand_that_was_on_the_drive_in_a_hold_must_let_go_first() -> None:
     bench = Bench(required={"slam": "slam is silent"})
     beat = lambda: bench.node.safety.beat("slam", bench.now_ns, bench.now_ns)  # noqa: E731
     beat()
-    assert bench.take(Drive(1.0)) is None
+    assert bench.take(Drive(1.0, begins=True)) is None
     drive_for(bench, 6, Drive(1.0))
     assert bench.tick.held_because == "slam is silent"
     assert not bench.tick.moving
@@ -256,7 +260,7 @@ def test_a_hand_that_was_on_the_drive_in_a_hold_must_let_go_first() -> None:
 
 def test_an_estop_refuses_the_hand_until_it_has_been_reset_and_let_go() -> None:
     bench = Bench()
-    drive_for(bench, 3, Drive(1.0))
+    drive_for(bench, 3, Drive(1.0, begins=True))
     bench.take(EStop("x"))
     assert None not in drive_for(bench, 3, Drive(1.0))
     bench.take(ResetEStop())
@@ -266,7 +270,9 @@ def test_an_estop_refuses_the_hand_until_it_has_been_reset_and_let_go() -> None:
     assert [text for _, text in events(bench)].count("E-stop: x") == 1
 
 
-@pytest.mark.parametrize("command", [Drive(1.5), Drive(1.0, -2.0), Drive(float("nan")), Drive(1.0, float("inf"))])
+@pytest.mark.parametrize(
+    "command", [Drive(1.5, begins=True), Drive(1.0, -2.0, begins=True), Drive(np.nan), Drive(1.0, np.inf)]
+)
 def test_a_drive_beyond_its_range_moves_nothing(command: Drive) -> None:
     bench = Bench()
     assert bench.take(command) is not None
@@ -275,7 +281,7 @@ def test_a_drive_beyond_its_range_moves_nothing(command: Drive) -> None:
 
 def test_a_drive_that_lets_go_is_obeyed_however_late_it_comes() -> None:
     bench = Bench()
-    drive_for(bench, 5, Drive(1.0))
+    drive_for(bench, 5, Drive(1.0, begins=True))
     release = Drive(0.0)
     assert bench.node.obey(bench.sender.order(release, bench.now_ns - 10**9), release, bench.now_ns) is None
     assert not bench.tick.moving
@@ -353,3 +359,58 @@ def test_an_estop_is_latched_though_all_that_follows_it_fails(monkeypatch: pytes
     bench.take(EStop("x"))
     assert bench.tick.estop_reason == "x"
     assert (np.abs(np.diff(bench.steps(100), axis=0)) / 0.01)[20:].max() == 0.0
+
+
+def test_a_press_from_before_this_node_was_started_moves_nothing() -> None:
+    bench = Bench()
+    assert set(drive_for(bench, 5, Drive(1.0))) == {LET_GO_FIRST}
+    assert not bench.tick.moving
+    bench.take(Drive(0.0))
+    assert bench.take(Drive(1.0)) is None
+    assert bench.tick.moving
+
+
+def test_a_press_that_was_refused_does_not_begin_when_the_reason_has_gone() -> None:
+    bench = Bench(required={"slam": "slam is silent"})
+    assert bench.take(Drive(1.0, begins=True)) == "slam is silent"
+    bench.node.safety.beat("slam", bench.now_ns, bench.now_ns)
+    assert bench.take(Drive(1.0)) == LET_GO_FIRST
+    assert bench.take(Drive(1.0, begins=True)) is None
+
+
+def test_a_stop_ends_the_press_and_another_hand_does_not_go_on_with_it() -> None:
+    bench = Bench()
+    assert bench.take(Drive(1.0, hand="a", begins=True)) is None
+    assert bench.take(Drive(1.0, hand="b")) == LET_GO_FIRST
+    assert bench.take(Drive(1.0, hand="a")) is None
+    bench.take(Stop())
+    assert bench.take(Drive(1.0, hand="a")) == LET_GO_FIRST
+    assert bench.take(Drive(1.0, hand="b", begins=True)) is None
+    bench.take(Drive(0.0, hand="a"))
+    assert bench.take(Drive(1.0, hand="b")) == LET_GO_FIRST, "a zero of any hand stops"
+
+
+@pytest.mark.parametrize("frozen", [Start(), Drive(1.0, begins=True)])
+def test_what_was_sent_before_a_freeze_or_a_hold_moves_nothing(frozen: Command) -> None:
+    bench = Bench()
+    sent_ns = bench.now_ns
+    bench.node.safety.turn(bench.now_ns)
+    bench.now_ns += FROZEN_NS + 100 * STEP_NS
+    bench.node.safety.turn(bench.now_ns)
+    late = bench.sender.order(frozen, bench.now_ns - STEP_NS)
+    assert bench.node.obey(late, frozen, bench.now_ns) == BEFORE_THE_HOLD
+    assert "old" in (bench.node.obey(bench.sender.order(frozen, sent_ns), frozen, bench.now_ns) or "")
+    assert bench.take(frozen) is None
+    bench.node.stop_now("a reason")
+    late = bench.sender.order(frozen, bench.now_ns - STEP_NS)
+    assert bench.node.obey(late, frozen, bench.now_ns) == BEFORE_THE_HOLD
+
+
+def test_a_freeze_ends_the_press_before_the_orders_that_waited() -> None:
+    bench = Bench()
+    drive_for(bench, 3, Drive(1.0, begins=True))
+    bench.node.safety.turn(bench.now_ns)
+    bench.now_ns += 2 * FROZEN_NS
+    bench.node.safety.turn(bench.now_ns)
+    assert bench.take(Drive(1.0)) == LET_GO_FIRST
+    assert bench.tick.held_because == FROZEN

@@ -1,5 +1,7 @@
 """Which drive input counts: order, age, and a clock that is only known through messages."""
 
+from itertools import count
+
 import pytest
 
 from server.hand import SILENT_S, STALE_S, Hand, Input
@@ -57,3 +59,49 @@ def test_a_page_whose_clock_was_suspended_is_believed_again_after_some_pings() -
     for k in range(20):
         driver.synchronise(THEIRS_S + 2.0 + k, NOW_S + 2.0 + k + slept_s)
     assert driver.take(Input(2, THEIRS_S + 30.0, 1.0, 0.0), NOW_S + 30.0 + slept_s) is None
+
+
+SEQ = count(1)
+
+
+def given(driver: Hand, drive: float, late_s: float = 0.0) -> bool:
+    """Give the next input; return whether the session would be told that a press begins."""
+    seq = next(SEQ)
+    driver.take(Input(seq, THEIRS_S + seq, drive, 0.0), NOW_S + seq + late_s)
+    return driver.take_begins()
+
+
+def test_a_press_begins_once_and_again_only_after_a_zero() -> None:
+    driver = hand()
+    assert [given(driver, drive) for drive in (1.0, 1.0, -0.5, 0.0, 1.0, 1.0)] == [
+        True,
+        False,
+        False,
+        False,
+        True,
+        False,
+    ]
+
+
+def test_a_press_that_comes_late_must_be_let_go_and_a_late_zero_lets_go() -> None:
+    driver = hand()
+    assert not given(driver, 1.0, late_s=5.0)
+    assert not given(driver, 1.0)
+    assert not given(driver, 0.0, late_s=5.0)
+    assert not driver.driving
+    assert given(driver, 1.0)
+
+
+def test_a_hand_that_the_server_has_let_go_has_not_let_go_itself() -> None:
+    driver = hand()
+    assert given(driver, 1.0)
+    driver.release()
+    assert not given(driver, 1.0)
+
+
+def test_a_drive_that_was_held_down_on_the_socket_before_begins_no_press() -> None:
+    driver = hand()
+    driver.pressed = True
+    assert not given(driver, 1.0)
+    assert not given(driver, 0.0)
+    assert given(driver, 1.0)

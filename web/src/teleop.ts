@@ -107,7 +107,9 @@ export class Teleop {
     this.socket = null;
     this.ready.set(false);
     if (code === LOST_CONTROL) return this.app.lease.lost();
+    // Whoever holds the drive must press again once the connection is back.
     if (reason !== "") this.onRefused(`The drive's connection was closed: ${reason} (${code}). It is opened again.`);
+    else if (this.wish.drive !== 0) this.onRefused("The drive was let go: the connection was lost. It is opened again.");
     window.setTimeout(() => this.app.lease.current.get()?.key === key && this.open(key), RECONNECT_MS);
   }
 

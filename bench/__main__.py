@@ -21,7 +21,7 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from bench import consistency, floods, live, page, turn
+from bench import consistency, floods, live, page, soak, turn
 from snakeslam.backends.sim.camera import Camera
 from snakeslam.backends.sim.physics import SnakePhysics
 from snakeslam.backends.sim.renderer import Renderer
@@ -138,6 +138,9 @@ def main() -> None:
         return
     if sys.argv[1:2] == ["estop"]:
         floods.main(*map(float, sys.argv[2:3]))
+        return
+    if sys.argv[1:2] == ["soak"]:
+        soak.main(*map(int, sys.argv[2:5]))
         return
     if sys.argv[1:2] == ["turn"]:
         turn.main()

@@ -18,7 +18,7 @@ def rows(head: str) -> list[str]:
     return lines[first:last]
 
 
-def tests() -> set[str]:
+def existing_tests() -> set[str]:
     files = [path for place in PLACES for path in (CHECKOUT / "tests" / place).glob("test_*.py")]
     return {name for path in files for name in re.findall(r"^def (test_\w+)\(", path.read_text("utf-8"), re.MULTILINE)}
 
@@ -27,7 +27,7 @@ def tests() -> set[str]:
 def test_a_row_names_tests_that_exist(row: str) -> None:
     named = re.findall(r"`(test_\w+)`", row.rsplit("|", 2)[1])
     assert named, "no test is named"
-    assert set(named) <= tests()
+    assert set(named) <= existing_tests()
 
 
 def test_the_tables_are_found() -> None:

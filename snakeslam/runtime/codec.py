@@ -36,7 +36,7 @@ def decode(kind: type[T], data: bytes, sizes: Mapping[str, int] = NO_SIZES) -> T
     ``sizes`` are those of the arrays that the receiver knows, by their names in ``shapes``.
     """
     try:
-        message = _decoder(kind).decode(data)
+        message: Any = _decoder(kind).decode(data)
         check(message, sizes)
         return message
     except (msgspec.MsgspecError, ValidationError, ValueError, TypeError) as error:

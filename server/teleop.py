@@ -65,15 +65,8 @@ class Teleop:
     async def serve(self, socket: WebSocket) -> None:
         """Serve one websocket until either side ends it, then let go."""
         await socket.accept()
-<<<<<<< HEAD
-        driver = Driver(socket, self._live, self._desk, self._metrics, Bucket(self._rate, monotonic()))
-=======
-        if len(self._drivers) >= MAX_SOCKETS:
-            await socket.close(1013, "too many operators")
-            return
         bucket = Bucket(self._rate, monotonic())
         driver = Driver(socket, self._live, self._desk, self._metrics, bucket, self._is_held_down)
->>>>>>> 8d2f124 (A press of the drive that was held moves nothing until it is let go; what comes over the bus is checked; a listener removes nothing of others')
         self._drivers.add(driver)
         self._metrics.drivers.set(len(self._drivers))
         try:

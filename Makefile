@@ -100,7 +100,7 @@ check: $(VENV)/.synced web/dist/index.html
 bench: setup browser
 	$(BIN)/python -m bench
 	$(BIN)/python -m bench live
-	$(BIN)/python -m bench estop 5 2>/dev/null
+	$(BIN)/python -m bench estop 5
 	$(BIN)/python -m bench page
 
 .PHONY: fmt

@@ -9,13 +9,12 @@ import numpy as np
 
 from snakeslam.estimation.frontend import FrontendFrame
 from snakeslam.estimation.plausibility import accelerometer_fault, gyro_fault, image_rotation
-from snakeslam.estimation.preintegration import ImuBuffer, preintegrate
+from snakeslam.estimation.preintegration import ImuBuffer
 from snakeslam.estimation.settings import EstimatorSettings
 from snakeslam.estimation.sliding_window import ENOUGH_WITH_DEPTH, Model, SlidingWindow
 from snakeslam.estimation.start_moving import start_moving
 from snakeslam.estimation.start_still import TREMOR_S, Stationary, start_still
 from snakeslam.estimation.tracks import TrackTable
-from snakeslam.geometry import so3
 from snakeslam.geometry.median import median
 from snakeslam.messages import Float
 
@@ -108,9 +107,9 @@ class Starter:
             span = imu.segments(before.t_ns, now.t_ns)
             if turned is None or span is None:
                 continue
-            R_I0I1 = preintegrate(span, np.zeros(3), np.zeros(3), self._model.noise).gamma
             by_image.append(turned)
-            by_gyro.append(R_CI @ so3.log(R_I0I1))
+            # The sum of w dt, which is about the rotation vector over a fraction of a second, also holds in another unit.
+            by_gyro.append(R_CI @ (span.dt_s @ span.gyro_I))
             spans_s.append(float(span.dt_s.sum()))
         if not spans_s:
             return None

@@ -24,12 +24,13 @@ GRAVITY_SHARE = (0.55, 1.5)
 ONE_G = (0.7, 1.4)
 LEAST_TURN_RAD = 0.06
 """Sum of the image's rotations, below which they tell nothing of the gyro."""
-AGREES, EXPLAINS = 0.4, 0.2
+AGREES, EXPLAINS = 0.3, 0.15
 """Share of the squared rotations that is left unexplained: at most, as given, and at most, by a fault."""
 LEAST_WRONG_DEG = 20.0
 MAX_BIAS_RAD_S = 0.2
 LEAST_FEATURES, EPIPOLAR = 20, 2e-3
 """Of features for a rotation by the image, and how far they may be from their epipolar lines, normalised."""
+UNEXPLAINED = "the gyro and the image turn differently: check the gyro's unit, its axes and the extrinsics"
 SECOND_AXIS = 0.15
 """Least ratio of the second to the first singular value: one axis of rotation does not tell the extrinsics."""
 
@@ -88,7 +89,7 @@ def gyro_fault(image_C: Float, gyro_C: Float, R_CI: Float, span_s: float) -> str
         wrong_deg = float(np.rad2deg(np.linalg.norm(so3.log(R))))
         if wrong_deg > LEAST_WRONG_DEG:
             return f"the image turns about other axes than the gyro: the extrinsics are {wrong_deg:.0f} deg wrong"
-    return "the gyro and the image turn differently: check the gyro's unit, its axes and the extrinsics"
+    return UNEXPLAINED
 
 
 def _unexplained(image_C: Float, gyro_C: Float, bias_rad: float) -> float:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from snakeslam.estimation.frontend import FrontendFrame
-from snakeslam.estimation.plausibility import accelerometer_fault, gyro_fault, image_rotation
+from snakeslam.estimation.plausibility import UNEXPLAINED, accelerometer_fault, gyro_fault, image_rotation
 from snakeslam.estimation.preintegration import ImuBuffer
 from snakeslam.estimation.settings import EstimatorSettings
 from snakeslam.estimation.sliding_window import ENOUGH_WITH_DEPTH, Model, SlidingWindow
@@ -108,7 +108,7 @@ class Starter:
             if turned is None or span is None:
                 continue
             by_image.append(turned)
-            # The sum of w dt, which is about the rotation vector over a fraction of a second, also holds in another unit.
+            # The sum of w dt is about the rotation vector over a fraction of a second, and also holds in another unit.
             by_gyro.append(R_CI @ (span.dt_s @ span.gyro_I))
             spans_s.append(float(span.dt_s.sum()))
         if not spans_s:
@@ -181,6 +181,11 @@ class Starter:
         model = self._model
         state = start_moving(self._table(), times, imu, model.rows, model.noise, self._settings.gravity_m_s2)
         if state is None:
+            return None
+        fault = self._gyro_fault(imu)
+        if fault is not None and fault != UNEXPLAINED:
+            # Slow rotations about wrong axes pass for a bias of the gyro.
+            self.fault = fault
             return None
         window = SlidingWindow(state, self._settings, model)
         for past in self._history[:-1]:

@@ -12,6 +12,7 @@ from typing import Any
 from fastapi import FastAPI, Request
 from fastapi.openapi.utils import get_openapi
 from pydantic import BaseModel
+from starlette.requests import HTTPConnection
 
 from server.auth import COOKIE, LEASE_HEADER
 from server.problem import MEDIA_TYPE, Problem
@@ -149,8 +150,10 @@ def methods_at(app: FastAPI, path: str) -> list[str]:
     return sorted(found)
 
 
-async def json_only(request: Request) -> None:
-    """Refuse a body of another media type than JSON where one is expected."""
+async def json_only(request: HTTPConnection) -> None:
+    """Refuse a body of another media type than JSON where one is expected; a router's websockets have none."""
+    if not isinstance(request, Request):
+        return
     route = request.scope.get("route")
     if getattr(route, "body_field", None) is None or not await request.body():
         return

@@ -1,7 +1,7 @@
 """A Unix socket at a path that a user gave: nothing that is there and belongs to somebody is ever removed.
 
 The bus removes what is at the path before it binds, a living node's socket and a text file alike. So it is found out
-first who owns it, and until the new socket listens nobody else may find out: a lock on the folder lets one at a time.
+first who owns it, and until the new socket listens nobody else may find out: a lock lets one start at a time.
 """
 
 import errno
@@ -27,16 +27,35 @@ def claimed(path: Path) -> Generator[None]:
     """Hold the right to make a socket at ``path``, until it listens; InputError where there is something of others'."""
     if len(os.fsencode(path)) > LONGEST:
         raise InputError(WHERE, f"{path}: too long for a socket", f"at most {LONGEST} bytes")
+    lock = path.with_name(f".{path.name}.starting")
     try:
-        folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+        descriptor = _locked(lock)
     except OSError as error:
         raise InputError(WHERE, f"{path.parent}: {error.strerror}", "a socket in a folder that exists") from error
     try:
-        fcntl.flock(folder, fcntl.LOCK_EX)
         _check_free(path)
         yield
     finally:
-        os.close(folder)
+        lock.unlink(missing_ok=True)
+        os.close(descriptor)
+
+
+def _locked(lock: Path) -> int:
+    """Return a descriptor of the lock file, locked; a file of its own, for the folder may be locked by its owner."""
+    while True:
+        descriptor = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
+        fcntl.flock(descriptor, fcntl.LOCK_EX)
+        # Whoever had it before has removed the file: the lock of a file that is gone keeps nobody out.
+        if _is(lock, descriptor):
+            return descriptor
+        os.close(descriptor)
+
+
+def _is(lock: Path, descriptor: int) -> bool:
+    try:
+        return os.path.samestat(lock.stat(), os.fstat(descriptor))
+    except FileNotFoundError:
+        return False
 
 
 def _check_free(path: Path) -> None:

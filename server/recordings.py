@@ -4,12 +4,18 @@ import hashlib
 import os
 from collections.abc import Generator
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
+from time import time_ns
 from typing import Any
 
+from server import strict_json
 from server.background import note
-from snakeslam.recording.datasets import Summary, candidates, summarise
+from server.run_store import record_of_facts
+from snakeslam.recording.datasets import SENSORS, Summary, candidates, summarise
 
+EARLIEST_NS = 946_684_800 * 10**9
+"""The year 2000: an earlier stamp is of a clock that began with the device."""
 DEFAULT_FOLDERS = (Path("recordings"), Path("../shared/data"))
 
 
@@ -63,4 +69,24 @@ def recording_json(key: str, summary: Summary) -> dict[str, Any]:
         "kind": summary.kind,
         "frames": summary.frames,
         "duration_s": summary.duration_s,
+        **_origin(summary),
     }
+
+
+def _origin(summary: Summary) -> dict[str, Any]:
+    """Gait, world and seed of the run that recorded its own sensors, and when it was recorded; None where unknown."""
+    unknown = {"gait": None, "world": None, "seed": None, "when": _date(summary.t_start_ns)}
+    if summary.path.name != SENSORS:
+        return unknown
+    try:
+        record = record_of_facts("recording", strict_json.read(summary.path.parent / "run.json"))
+    except (OSError, ValueError):
+        return unknown  # A run without its facts is still a recording.
+    return {"gait": record.gait, "world": record.world, "seed": record.seed, "when": record.when}
+
+
+def _date(t_ns: int | None) -> str | None:
+    """Return a stamp as UTC; None for one of a clock that does not count from 1970, as a simulator's does not."""
+    if t_ns is None or not EARLIEST_NS <= t_ns <= time_ns():
+        return None
+    return f"{datetime.fromtimestamp(t_ns // 10**9, UTC):%Y-%m-%dT%H:%M:%SZ}"

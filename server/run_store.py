@@ -129,7 +129,7 @@ class RunStore:
             if record.id != run_id:
                 raise ValueError(f"the record is that of {record.id[:40]!r}")
             return record
-        return _from_facts(run_id, strict_json.read(self.folder / run_id / "run.json"))
+        return record_of_facts(run_id, strict_json.read(self.folder / run_id / "run.json"))
 
     def _judged(self, record: RunRecord) -> RunRecord:
         """Return a record as it stands now: a run whose server is dead is over, well or not."""
@@ -139,7 +139,7 @@ class RunStore:
         if re.fullmatch(rf"\{OWNER}[0-9a-f]+", owner) and not clear_dead(self.folder / owner):
             return record
         try:
-            facts = _from_facts(record.id, strict_json.read(self.folder / record.id / "run.json"))
+            facts = record_of_facts(record.id, strict_json.read(self.folder / record.id / "run.json"))
         except (OSError, ValueError):
             return record.model_copy(update={"state": "interrupted", "error": INTERRUPTED})
         return record.model_copy(update={"state": "done", "metrics": facts.metrics})
@@ -152,7 +152,7 @@ def _valid(kind: type[RunRecord], value: object) -> RunRecord:
         raise ValueError(f"{error.errors()[0]['loc']}: {error.errors()[0]['msg']}") from error
 
 
-def _from_facts(run_id: str, facts: object) -> RunRecord:
+def record_of_facts(run_id: str, facts: object) -> RunRecord:
     """Return the record of a finished run directory from its run.json; ValueError when it is none."""
     try:
         assert isinstance(facts, dict)

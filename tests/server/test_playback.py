@@ -1,6 +1,7 @@
 """A recording in the live view, over HTTP: pause, seek, step, speed, and what is left of the source before."""
 
 import json
+import shutil
 from collections.abc import Iterator
 from typing import Any
 
@@ -102,6 +103,30 @@ def test_who_only_watches_cannot_control_it(playing: httpx.Client, server: Runni
     with server.anonymous(headers={"Authorization": "Bearer a-token-to-watch-with"}) as watcher:
         assert watcher.put("/api/v1/playback", json={"paused": False}).status_code == 403
         assert watcher.get("/api/v1/playback").status_code == 200
+
+
+def test_a_recording_of_a_run_says_what_the_run_was(client: httpx.Client, server: Running) -> None:
+    """Gait, world, seed and when; broken facts hide neither it nor the others."""
+    folder = server.folder / "recordings" / "survey"
+    write_robot(folder / "sensors", 0.3)
+    facts: dict[str, Any] = {
+        "config": {"gait": {"name": "pedal"}, "sim": {"world": "office"}},
+        "seed": 4,
+        "metrics": {},
+    }
+    facts["written"] = "2026-11-28T09:00:00Z"
+    try:
+        for text, expected in (
+            (json.dumps(facts), ["pedal", "office", 4, "2026-11-28T09:00:00Z"]),
+            ("\x00" * 100, [None] * 4),
+            (json.dumps({**facts, "seed": "four"}), [None] * 4),
+        ):
+            (folder / "run.json").write_text(text)
+            found = {one["name"]: one for one in client.get("/api/v1/recordings").json()}
+            assert [found["survey"][key] for key in ("gait", "world", "seed", "when")] == expected
+            assert found["at rest"]["gait"] is None
+    finally:
+        shutil.rmtree(folder)
 
 
 def test_another_source_begins_with_nothing_of_the_one_before(playing: httpx.Client, server: Running) -> None:

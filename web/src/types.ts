@@ -210,6 +210,11 @@ export interface Recording {
   kind: string;
   frames: number | null;
   duration_s: number | null;
+  /** Of the run whose own sensors these are; null for others' recordings. */
+  gait: string | null;
+  world: string | null;
+  seed: number | null;
+  when: string | null;
 }
 
 export type Overrides = Record<string, string | number | boolean>;
@@ -234,11 +239,11 @@ export interface Run {
   id: string;
   /** What it was: gait and seed, the configuration's name, the world, and when it was asked for (UTC, ISO 8601). */
   name: string;
-  config: string;
-  gait: string;
-  world: string;
-  seed: number;
-  when: string;
+  config: string | null;
+  gait: string | null;
+  world: string | null;
+  seed: number | null;
+  when: string | null;
   state: "queued" | "running" | "done" | "failed" | "cancelled" | "interrupted";
   progress: number;
   metrics: RunMetrics | null;

@@ -18,13 +18,17 @@ SENSORS = "sensors"
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """What a list of recordings shows of one; ``frames`` and ``duration_s`` are None where the tables are broken."""
+    """What a list of recordings shows of one; frames, duration and start are None where the tables are broken.
+
+    ``t_start_ns`` is the first frame's stamp by the recording's own clock.
+    """
 
     name: str
     kind: str
     path: Path
     frames: int | None
     duration_s: float | None
+    t_start_ns: int | None = None
 
 
 def recording_kind(path: Path) -> str | None:
@@ -71,7 +75,8 @@ def summarise(path: Path) -> Summary | None:
     except InputError:
         # A broken recording stays in the list; opening it says what is wrong.
         return Summary(_name(path), str(kind), path, None, None)
-    return Summary(_name(path), kind, path, len(frames), (frames[-1].t_ns - frames[0].t_ns) / 1e9)
+    first_ns, last_ns = frames[0].t_ns, frames[-1].t_ns
+    return Summary(_name(path), kind, path, len(frames), (last_ns - first_ns) / 1e9, first_ns)
 
 
 def candidates(folder: Path) -> list[Path]:

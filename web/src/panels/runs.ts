@@ -6,7 +6,7 @@ import { byId, h, setText } from "../dom";
 import { errorLine } from "../failure";
 import { fixed, scaled } from "../format";
 import type { Overrides, Run } from "../types";
-import { labelled, select } from "./source";
+import { labelled, origin, select } from "./source";
 
 const POLL_MS = 1000;
 const IDLE_POLLS = 10;
@@ -101,11 +101,9 @@ export function parseOverrides(text: string): Overrides {
 }
 
 /** Gait, world, seed and length of a run, its configuration, and when it was asked for in this browser's time. */
-function runFacts({ config, gait, world, seed, when, request }: Run): string {
-  const parts = [gait.replace("_", " "), world, `seed ${seed}`];
-  if (request) parts.push(`${fixed(request.duration_s, 0)} s`);
-  parts.push(config, new Date(when).toLocaleString([], { dateStyle: "short", timeStyle: "short" }));
-  return parts.join(", ");
+function runFacts(run: Run): string {
+  const length = run.request ? `${fixed(run.request.duration_s, 1)} s` : null;
+  return [...origin(run), length, run.config].filter((part) => part !== null).join(", ");
 }
 
 class Row {

@@ -135,9 +135,17 @@ class SourceDialog {
   }
 }
 
-function facts({ kind, frames, duration_s }: Recording): string {
+function facts(recording: Recording): string {
+  const { kind, frames, duration_s } = recording;
   const parts = [KINDS[kind] ?? kind];
   if (frames !== null) parts.push(`${frames} frames`);
   if (duration_s !== null) parts.push(`${fixed(duration_s, 1)} s`);
-  return parts.join(", ");
+  return [...parts, ...origin(recording)].join(", ");
+}
+
+/** Gait, world and seed of a run, and when it was in this browser's time; what is unknown is left out. */
+export function origin({ gait, world, seed, when }: Pick<Recording, "gait" | "world" | "seed" | "when">): string[] {
+  const parts = [gait?.replace("_", " "), world, seed === null ? null : `seed ${seed}`];
+  if (when !== null) parts.push(new Date(when).toLocaleString([], { dateStyle: "medium", timeStyle: "short" }));
+  return parts.filter((part): part is string => typeof part === "string");
 }

@@ -32,6 +32,10 @@ class Driving:
         """Return why this hand may not move the robot; None when it may."""
         return None if begins or hand == self._hand or hand in self._let_go else LET_GO_FIRST
 
+    def drives(self, hand: str) -> bool:
+        """Whether it is this hand that moves the robot."""
+        return hand == self._hand
+
     def press(self, hand: str, now_ns: int) -> None:
         """This hand moves the robot, at ``now_ns`` in the robot's time."""
         self._let_go.pop(hand, None)

@@ -128,13 +128,13 @@ class RobotNode:
 
     def _take(self) -> None:
         """Handle what has come, each message by itself; an E-stop that comes meanwhile goes first."""
+        for name, beat in drain(self._inbox.beats):
+            self._guarded("a heartbeat", partial(self._on_beat, name, beat))
         orders = drain(self._inbox.orders)
         for order in orders:
             if self._inbox.urgent:
                 self._latch()
             self._guarded("a command", partial(self._obey, order))
-        for name, beat in drain(self._inbox.beats):
-            self._guarded("a heartbeat", partial(self._on_beat, name, beat))
         for estimate in drain(self._inbox.estimates):
             self._guarded("an estimate", partial(self._robot.hear, estimate))
         if orders:

@@ -131,6 +131,8 @@ class Safety:
         """Return why this hand's drive is refused, which ends its press; None when it may be."""
         refusal = self.driving.refusal(hand, begins) or self.may_start(now_ns)
         if refusal is not None:
+            if self._moving and self.driving.drives(hand):
+                self.hold(refusal)  # else it would go on with nobody's hand on the drive
             self.driving.refuse(hand)
         return refusal
 

@@ -414,3 +414,15 @@ def test_a_freeze_ends_the_press_before_the_orders_that_waited() -> None:
     bench.node.safety.turn(bench.now_ns)
     assert bench.take(Drive(1.0)) == LET_GO_FIRST
     assert bench.tick.held_because == FROZEN
+
+
+def test_the_press_that_moves_the_robot_is_a_hold_when_it_is_refused() -> None:
+    """As when an input fell silent before the first drive that came after it: nobody's hand is on the drive then."""
+    bench = Bench(required={"slam": "slam is silent"})
+    bench.node.safety.beat("slam", bench.now_ns, bench.now_ns)
+    assert bench.take(Drive(1.0, begins=True)) is None
+    assert bench.tick.moving
+    bench.now_ns += SILENT_NS + STEP_NS
+    assert bench.take(Drive(1.0)) == "slam is silent"
+    assert not bench.tick.moving
+    assert bench.tick.held_because == "slam is silent"

@@ -1,17 +1,16 @@
 """The server's log: structlog's events, and warnings of the libraries, on standard error in one form."""
 
 import logging
-import sys
 
 import structlog
 
-from snakeslam.runtime.logs import Repeats, log_to_stderr
+from snakeslam.runtime.logs import Repeats, StandardError, log_to_stderr
 
 
 def configure_logs() -> None:
     """Send everything to standard error."""
     shared, renderer = log_to_stderr()
-    handler = logging.StreamHandler(sys.stderr)
+    handler = logging.StreamHandler(StandardError())
     handler.setFormatter(
         structlog.stdlib.ProcessorFormatter(
             foreign_pre_chain=shared,

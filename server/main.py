@@ -22,6 +22,7 @@ from snakeslam.config import Config
 from snakeslam.errors import InputError, SnakeslamError
 from snakeslam.garbage import collect_seldom
 from snakeslam.runtime.priority import go_second
+from snakeslam.runtime.socket_path import check_room_for_sockets
 from snakeslam.runtime.spec import SessionSpec
 
 GRACE_S = 2
@@ -87,6 +88,8 @@ def serve(config: Config, *, host: str, port: int, recordings: list[Path], spec:
     spec = spec or SessionSpec(config, autostart=config.run.autostart)
     sys.setswitchinterval(SWITCH_S)
     with bind(host, port) as listener, temporary_folder("snakeslam-") as folder:
+        # viser never returns where it cannot bind, and the bus's folder beside this one has the longer name.
+        check_room_for_sockets(folder.with_name("snakeslam-bus-12345678"), ["viewer.sock", "bus.sock"])
         go_second()
         url = _url(host, listener)
         settings = ServerSettings(spec, token, host, folder, tuple(recordings), viewer_token=watching)

@@ -4,8 +4,10 @@ import logging
 import os
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from threading import Lock
 from time import monotonic
+from typing import TextIO, cast
 
 import structlog
 from structlog.typing import EventDict, Processor
@@ -13,6 +15,24 @@ from structlog.typing import EventDict, Processor
 VARIABLE = "SNAKESLAM_LOG"
 BURST, PER_S, MOST_KEPT = 20.0, 5.0, 256
 """Of one kind of line so many at once, then so many a second; kinds that are remembered."""
+
+
+class StandardError:
+    """Standard error as it is at each line; a line that cannot be written is lost, and ends nothing.
+
+    A terminal that was closed, or a full disk behind it, must not end the work that has something to log.
+    """
+
+    def write(self, text: str) -> int:
+        """Write ``text`` if there is anybody to read it."""
+        with suppress(OSError, ValueError):
+            return sys.stderr.write(text)
+        return len(text)
+
+    def flush(self) -> None:
+        """Flush, if there is anything to flush to."""
+        with suppress(OSError, ValueError):
+            sys.stderr.flush()
 
 
 class Repeats:
@@ -66,6 +86,6 @@ def log_to_stderr() -> tuple[list[Processor], Processor]:
     structlog.configure(
         processors=[Repeats(), *shared, renderer],
         wrapper_class=structlog.make_filtering_bound_logger(logging.INFO),
-        logger_factory=structlog.PrintLoggerFactory(sys.stderr),
+        logger_factory=structlog.PrintLoggerFactory(cast(TextIO, StandardError())),
     )
     return shared, renderer

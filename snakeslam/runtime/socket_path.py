@@ -9,7 +9,7 @@ import fcntl
 import os
 import socket
 import stat
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -20,6 +20,13 @@ ALLOWED = "a path where nothing is, or a socket at which nobody listens any more
 LONGEST = 107
 """Bytes of a Unix socket's path, of Linux."""
 DEAD = (errno.ECONNREFUSED, errno.ENOENT)
+
+
+def check_room_for_sockets(folder: Path, names: Sequence[str]) -> None:
+    """Raise InputError where sockets of these names in a temporary folder would have paths that are too long."""
+    room = LONGEST - max(map(len, names)) - 1
+    if len(os.fsencode(folder)) > room:
+        raise InputError("TMPDIR", f"{folder}: too long for the sockets in it", f"at most {room} bytes")
 
 
 @contextmanager

@@ -1,9 +1,12 @@
 """``--listen PATH``: whatever is at the path and belongs to somebody stays, and the user has one line about it."""
 
 import os
+import re
 import signal
 import socket
 import stat
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 from contextlib import closing
@@ -151,3 +154,17 @@ def test_of_several_that_start_at_once_one_listens_and_the_others_are_told(tmp_p
     finally:
         for starter in starters:
             starter.stop()
+
+
+def test_a_temporary_folder_whose_sockets_would_not_fit_is_one_line(tmp_path: Path) -> None:
+    """Over the real command: viser would wait for ever."""
+    folder = tmp_path / ("long" * 20)
+    folder.mkdir()
+    command = [sys.executable, "-m", "snakeslam", "serve", "--port", "0"]
+    done = subprocess.run(
+        command, env={**os.environ, "TMPDIR": str(folder)}, capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.returncode == 2
+    assert re.fullmatch(
+        r"snakeslam: TMPDIR: .* too long for the sockets in it \(allowed: at most \d+ bytes\)\n", done.stderr
+    )

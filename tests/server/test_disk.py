@@ -5,6 +5,7 @@ import json
 import os
 import re
 import signal
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -129,8 +130,8 @@ def test_odd_artifacts_are_left_out(tmp_path: Path) -> None:
 def test_after_kill_9_nothing_is_left_and_the_runs_are_told_as_interrupted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int
 ) -> None:
-    temporary = tmp_path / "tmp"
-    temporary.mkdir()
+    # Short: the sockets in it have a path of 107 bytes at most.
+    temporary = Path(tempfile.mkdtemp(prefix="t-", dir="/tmp"))
     monkeypatch.setenv("TMPDIR", str(temporary))
     folder = tmp_path / "server"
     folder.mkdir()
@@ -165,3 +166,4 @@ def test_after_kill_9_nothing_is_left_and_the_runs_are_told_as_interrupted(
     finally:
         assert living.stop() == 0
     assert list(temporary.iterdir()) == []
+    temporary.rmdir()

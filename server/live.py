@@ -406,9 +406,11 @@ class _Child:
         await keep_on("the server's pulse", self._pulse_once)
 
     async def _pulse_once(self) -> None:
-        if self.stood_still:
-            self._awake_s = monotonic() + AWAKE_S
-        self._pulsed_s = monotonic()
+        now_s = monotonic()
+        # By the time since the last pulse alone, or the time after a freeze would be prolonged by itself for ever.
+        if now_s - self._pulsed_s > FROZEN_S:
+            self._awake_s = now_s + AWAKE_S
+        self._pulsed_s = now_s
         self.host.pulse()
         await asyncio.sleep(PULSE_S)
 

@@ -260,10 +260,10 @@ class Live:
             return True
         try:
             number = child.host.send(EStop(reason))
-            await child.obeyed(number, ESTOP_CONFIRM_S)
+            # A command sent after it may be there before it: then it has not come yet.
+            return await child.obeyed(number, ESTOP_CONFIRM_S) is None or self.latched
         except (OSError, TimeoutError):
             return False  # The host sends it again when the robot is there.
-        return True
 
     async def reset_estop(self) -> None:
         """Clear the latch; nothing moves for it.

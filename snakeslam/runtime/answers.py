@@ -21,6 +21,8 @@ class Answers:
         done, refusals = self._done.pop(order.sender, (0, ()))
         missing = range(max(done + 1, order.number - REFUSALS_KEPT), order.number)
         told = [Refusal(number, OVERTAKEN) for number in missing]
+        # An order that was given up, such as an E-stop that had a way of its own, has come after all.
+        refusals = tuple(earlier for earlier in refusals if earlier.number != order.number)
         if refusal is not None:
             told.append(Refusal(order.number, refusal))
         self._done[order.sender] = max(done, order.number), (*refusals, *told)[-REFUSALS_KEPT:]

@@ -131,6 +131,11 @@ class Nodes:
         wait_for(lambda: self.steps[-1][0] > since_ns + int(seconds * 1e9))
         assert all(step == 0.0 for _, step in self.rates(since_ns)), "it moves"
 
+    def wait_still(self) -> None:
+        """Wait until the servos have had one and the same target for a while."""
+        since_ns = time.monotonic_ns()
+        wait_for(lambda: len(steps := self.rates(since_ns)) > 30 and all(step == 0.0 for _, step in steps[-30:]))
+
     def wait_moving(self, command: Command | None = None) -> None:
         """Wait until the servos move; ``command`` is repeated meanwhile."""
         since_ns = time.monotonic_ns()

@@ -8,25 +8,15 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser, BrowserContext, Page, expect
 
-from tests.conftest import CHECKOUT
+from tests.e2e.audit import Audit
 from tests.e2e.watching import poll
 from tests.server.running import START_S, TOKEN, VIEWER_TOKEN, Running, start, wait_for
 from tests.small_recordings import write_tum
 
 pytestmark = pytest.mark.browser
-AXE = CHECKOUT / "web" / "node_modules" / "axe-core" / "axe.min.js"
 DESKTOP, PHONE = {"width": 1366, "height": 768}, {"width": 390, "height": 844}
 LYING = {"width": 844, "height": 390}
 ZOOMED = {"width": 683, "height": 384}
-# The 3D view is viser's page, of which only the picture is shown.
-RUN_AXE = """async () => {
-    const options = {
-        runOnly: ['wcag2a', 'wcag2aa', 'wcag21a', 'wcag21aa', 'wcag22aa', 'best-practice'],
-        rules: {'label-content-name-mismatch': {enabled: true}, 'target-size': {enabled: true}},
-    };
-    const {violations} = await axe.run({exclude: [['#viewer']]}, options);
-    return violations.map(({id, nodes}) => `${id}: ${nodes.map(({html}) => html.slice(0, 90)).join(' | ')}`);
-}"""
 # What can be pressed and is seen, with a smaller side than it should have.
 SMALL = """(least) => [...document.querySelectorAll('button, a[href], select, input, summary, [role=tab]')]
     .filter((e) => e.checkVisibility({visibilityProperty: true}))
@@ -71,22 +61,6 @@ def free(server: Running) -> None:
         client.delete("/api/v1/control/lease", headers=headers).raise_for_status()
 
 
-class Audit:
-    """Runs axe-core in one page after another, in these themes; collects what it finds and in which state."""
-
-    def __init__(self, *themes: str) -> None:
-        self.themes = themes
-        self.found: list[str] = []
-        self.states = 0
-
-    def look(self, page: Page, state: str) -> None:
-        page.evaluate(AXE.read_text())
-        for theme in self.themes:
-            page.evaluate(f"document.documentElement.dataset.theme = '{theme}'")
-            self.found += [f"{state}, {theme}: {line}" for line in page.evaluate(RUN_AXE)]
-        self.states += 1
-
-
 @pytest.mark.parametrize("size", [DESKTOP, PHONE], ids=["desktop", "phone"])
 def test_axe_finds_nothing_in_any_state(browser: Browser, still: Running, size: dict[str, int]) -> None:
     free(still)
@@ -103,7 +77,7 @@ def test_axe_finds_nothing_in_any_state(browser: Browser, still: Running, size: 
     context = new_context(browser, size)
     look_as_operator(sign_in(context, still), still, audit)
     context.close()
-    assert audit.states == 10
+    assert audit.states == 11
     assert audit.found == [], "\n".join(audit.found)
 
 
@@ -111,7 +85,12 @@ def look_as_operator(page: Page, server: Running, audit: Audit) -> None:
     page.locator("#control-take").click()
     expect(page.locator("#control-state")).to_have_text("You")
     expect(page.locator(".gait-card").first).to_be_enabled()
-    audit.look(page, "in control")
+    expect(page.locator("#patrol")).to_be_visible()
+    audit.look(page, "in control, the patrol's card")
+    page.locator("#view-layers").click()
+    expect(page.locator("#layer-map")).to_be_visible()
+    audit.look(page, "layers of the view")
+    page.locator("#view-layers").click()
     page.locator("#estop").click()
     expect(page.locator("#estop-reset")).to_be_visible()
     assert page.locator("#estop").get_attribute("aria-label") == "STOPPED, emergency stop is latched"
@@ -135,7 +114,7 @@ def look_as_operator(page: Page, server: Running, audit: Audit) -> None:
     expect(page.locator("#taken-banner")).to_be_hidden()
     page.locator("#source").click()
     page.locator('[data-recording="small"]').get_by_role("button").click()
-    expect(page.locator("#source")).to_contain_text("Recording")
+    expect(page.locator("#player")).to_be_visible()
     audit.look(page, "a recording")
     page.locator("#source").click()
     page.locator("#sim-start").click()

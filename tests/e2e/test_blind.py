@@ -5,6 +5,7 @@ from http import HTTPStatus
 import pytest
 from playwright.sync_api import Browser, expect
 
+from tests.e2e.audit import Audit
 from tests.server.running import START_S, TOKEN, start, wait_for
 from tests.server.still_robot import COVERED_WHEN_MOVED
 
@@ -40,6 +41,9 @@ def test_the_page_offers_to_back_up(browser: Browser, tmp_path_factory: pytest.T
         box = page.locator("#back-up").bounding_box()
         assert box is not None
         assert min(box["width"], box["height"]) >= LEAST_PX
+        audit = Audit("light", "dark")
+        audit.look(page, "blind")
+        assert audit.found == [], "\n".join(audit.found)
         page.locator("#back-up").click()
         wait_for(lambda: client.get("/api/v1/state").json()["gait"]["drive"] == -1.0)
         expect(page.locator("#blind-banner")).to_be_hidden()

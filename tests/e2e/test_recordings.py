@@ -8,7 +8,7 @@ import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from tests.e2e.conftest import PATIENCE_MS, VIEWPORT
-from tests.server.running import START_S, Running, start, wait_for
+from tests.server.running import START_S, TOKEN, Running, start, wait_for
 from tests.small_recordings import write_robot
 
 pytestmark = pytest.mark.browser
@@ -26,9 +26,11 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
 
 @pytest.fixture(scope="module")
 def page(browser: Browser, server: Running) -> Iterator[Page]:
+    """Signed in, without the 3D view, which takes a core to draw in software."""
     login = re.search(r"Open (\S+)", server.out[-1])
     assert login is not None
     context = browser.new_context(viewport=VIEWPORT, reduced_motion="reduce")
+    context.route("**/viewer/**", lambda route: route.abort())
     page = context.new_page()
     page.set_default_timeout(PATIENCE_MS)
     page.goto(login.group(1))
@@ -86,6 +88,49 @@ def test_seek_and_step(playing: Page, client: httpx.Client) -> None:
 def test_speed(playing: Page, client: httpx.Client) -> None:
     playing.locator("#player-speed").select_option("4")
     wait_for(lambda: client.get("/api/v1/playback").json()["speed"] == 4.0)
+
+
+# What lies over the 3D view and what the player has: no two may share a pixel, none may leave the screen's width.
+COLLISIONS = """() => {
+    const parts = [...document.querySelectorAll('#player > *, .view-tool, .view-legend, .view-scale')]
+        .filter((e) => e.checkVisibility())
+        .map((e) => [e.id || e.className, e.getBoundingClientRect()]);
+    const found = parts.filter(([, r]) => r.left < 0 || r.right > innerWidth).map(([name]) => `${name}: too wide`);
+    parts.forEach(([name, a], index) => parts.slice(index + 1).forEach(([other, b]) => {
+        const apart = a.right <= b.left || b.right <= a.left || a.bottom <= b.top || b.bottom <= a.top;
+        if (!apart) found.push(`${name} on ${other}`);
+    }));
+    return found;
+}"""
+SCREENS = {
+    "large": (1920, 1080, 32),
+    "laptop": (1366, 768, 32),
+    "phone": (390, 844, 44),
+    "small phone": (320, 640, 44),
+    "phone on its side": (844, 390, 44),
+    "laptop at 200 %": (683, 384, 32),
+}
+
+
+@pytest.mark.usefixtures("playing")
+@pytest.mark.parametrize("screen", SCREENS)
+def test_the_player_covers_nothing_and_is_large_enough(browser: Browser, server: Running, screen: str) -> None:
+    width, height, least_px = SCREENS[screen]
+    context = browser.new_context(viewport={"width": width, "height": height}, has_touch=least_px == 44)
+    context.route("**/viewer/**", lambda route: route.abort())
+    context.request.post(f"{server.url}/api/v1/session", data={"token": TOKEN})
+    page = context.new_page()
+    page.goto(server.url)
+    expect(page.locator("#player-play")).to_be_enabled()
+    for part in ("#player", "#player-play", "#player-position", "#player-speed", "#camera-picture"):
+        expect(page.locator(part)).to_be_in_viewport(ratio=0.99)
+    assert page.evaluate(COLLISIONS) == []
+    sizes = [button.bounding_box() for button in page.locator("#player button, #player select").all()]
+    assert all(box is not None and min(box["width"], box["height"]) >= least_px for box in sizes), sizes
+    slider = page.locator("#player-position").bounding_box()
+    assert slider is not None
+    assert slider["width"] >= 180
+    context.close()
 
 
 def test_nothing_of_the_recording_lingers_when_the_robot_comes_back(playing: Page, client: httpx.Client) -> None:

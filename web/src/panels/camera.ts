@@ -51,12 +51,18 @@ export function mountCamera(app: App, telemetry: Telemetry): void {
     telemetry.clear();
   });
   let rateHz: number | null = null;
-  app.tick.on((tick) => (rateHz = tick.frame_rate_hz));
+  // Ticks tell how a recording plays; the state is sent anew only when something else changes.
+  let playback: Playback | null = null;
+  app.state.watch((state) => (playback = state?.playback ?? null));
+  app.tick.on((tick) => {
+    rateHz = tick.frame_rate_hz;
+    playback = tick.playback;
+  });
   app.redraw.every(200, () => {
     setText(rate, rateHz === null ? "" : `${fixed(rateHz, 1)} Hz`);
     const old = shownMs === null ? 0 : performance.now() - shownMs;
     badge.hidden = old < FROZEN_AFTER_MS;
-    setText(badge, standing(app.state.get()?.playback ?? null) ?? `Picture is ${age(old)} old`);
+    setText(badge, standing(playback) ?? `Picture is ${age(old)} old`);
   });
 }
 

@@ -15,7 +15,7 @@ const SEEN = "snakeslam.welcomed";
 
 export function mountPatrol(app: App): void {
   const patrol = new Patrol(app);
-  byId("viewer").closest(".view")!.append(patrol.root);
+  byId("viewer").closest(".view-stage")!.append(patrol.root);
   app.state.watch(() => patrol.sync());
   app.role.watch(() => patrol.sync());
   app.link.watch(() => patrol.sync());

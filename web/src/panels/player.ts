@@ -51,8 +51,10 @@ class Player {
     this.playback = playback;
     const { duration_s, position_s, computed_s, seeking, speed } = playback;
     this.slider.max = String(duration_s);
-    if (!this.dragging && this.next === null) this.slider.value = String(position_s);
-    this.slider.style.setProperty("--computed", `${((100 * computed_s) / Math.max(duration_s, STEP_S)).toFixed(1)}%`);
+    if (!this.dragging && !this.busy) this.slider.value = String(position_s);
+    const part = (seconds: number) => `${((100 * seconds) / Math.max(duration_s, STEP_S)).toFixed(1)}%`;
+    this.slider.style.setProperty("--fill", part(this.slider.valueAsNumber));
+    this.slider.style.setProperty("--computed", part(computed_s));
     this.slider.setAttribute("aria-valuetext", `${clock(position_s)} of ${clock(duration_s)}`);
     setText(this.time, `${clock(position_s)} / ${clock(duration_s)}${seeking ? ", computing" : ""}`);
     if (document.activeElement !== this.speed) this.speed.value = String(speed);

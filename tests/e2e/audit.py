@@ -1,0 +1,32 @@
+"""axe-core over one state of the page after another."""
+
+from playwright.sync_api import Page
+
+from tests.conftest import CHECKOUT
+
+AXE = CHECKOUT / "web" / "node_modules" / "axe-core" / "axe.min.js"
+# The 3D view is viser's page, of which only the picture is shown.
+RUN_AXE = """async () => {
+    const options = {
+        runOnly: ['wcag2a', 'wcag2aa', 'wcag21a', 'wcag21aa', 'wcag22aa', 'best-practice'],
+        rules: {'label-content-name-mismatch': {enabled: true}, 'target-size': {enabled: true}},
+    };
+    const {violations} = await axe.run({exclude: [['#viewer']]}, options);
+    return violations.map(({id, nodes}) => `${id}: ${nodes.map(({html}) => html.slice(0, 90)).join(' | ')}`);
+}"""
+
+
+class Audit:
+    """Runs axe-core in one page after another, in these themes; collects what it finds and in which state."""
+
+    def __init__(self, *themes: str) -> None:
+        self.themes = themes
+        self.found: list[str] = []
+        self.states = 0
+
+    def look(self, page: Page, state: str) -> None:
+        page.evaluate(AXE.read_text())
+        for theme in self.themes:
+            page.evaluate(f"document.documentElement.dataset.theme = '{theme}'")
+            self.found += [f"{state}, {theme}: {line}" for line in page.evaluate(RUN_AXE)]
+        self.states += 1

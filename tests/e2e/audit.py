@@ -1,4 +1,4 @@
-"""axe-core over one state of the page after another."""
+"""Faults of the page that can be read off it: what axe-core finds, and what lies on something else."""
 
 from playwright.sync_api import Page
 
@@ -13,6 +13,19 @@ RUN_AXE = """async () => {
     };
     const {violations} = await axe.run({exclude: [['#viewer']]}, options);
     return violations.map(({id, nodes}) => `${id}: ${nodes.map(({html}) => html.slice(0, 90)).join(' | ')}`);
+}"""
+# What lies over the 3D view and below it: no two may share a pixel, none may leave the screen's width.
+COLLISIONS = """() => {
+    const parts = [...document.querySelectorAll(
+        '#player > *, #patrol, #view-loading, .view-tool, .view-legend, .scale-bar, .compass')]
+        .filter((e) => e.checkVisibility())
+        .map((e) => [e.id || e.className, e.getBoundingClientRect()]);
+    const found = parts.filter(([, r]) => r.left < 0 || r.right > innerWidth).map(([name]) => `${name}: too wide`);
+    parts.forEach(([name, a], index) => parts.slice(index + 1).forEach(([other, b]) => {
+        const apart = a.right <= b.left || b.right <= a.left || a.bottom <= b.top || b.bottom <= a.top;
+        if (!apart) found.push(`${name} on ${other}`);
+    }));
+    return found;
 }"""
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser, BrowserContext, Page, expect
 
-from tests.e2e.audit import Audit
+from tests.e2e.audit import COLLISIONS, Audit
 from tests.e2e.watching import poll
 from tests.server.running import START_S, TOKEN, VIEWER_TOKEN, Running, start, wait_for
 from tests.small_recordings import write_tum
@@ -152,6 +152,8 @@ def test_what_drives_the_robot_is_seen_without_scrolling(browser: Browser, still
     for control in (*LOOKS, *DRIVES, *more):
         expect(page.locator(control)).to_be_in_viewport(ratio=0.99)
     assert page.evaluate(COVERED, DRIVES) == []
+    expect(page.locator("#patrol")).to_be_visible()
+    assert page.evaluate(COLLISIONS) == []
     view = page.locator("#viewer").bounding_box()
     camera, pad = page.locator("#camera-picture").bounding_box(), page.locator("#pad").bounding_box()
     assert view is not None and camera is not None and pad is not None  # noqa: PT018

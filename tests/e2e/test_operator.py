@@ -244,13 +244,13 @@ def test_everything_can_be_reached_and_is_named(page: Page) -> None:
     assert missing == set()
 
 
-def test_the_page_comes_back_when_the_server_does(page: Page, still: Running, tmp_path: Path) -> None:
-    """The last test: its server is not the one it began with."""
+def test_the_page_comes_back_when_the_server_does(page: Page, still: Running) -> None:
+    """The last test: its server is not the one it began with, but has the same state folder and so the same sessions."""
     take_control(page)
     port = int(still.url.rsplit(":", 1)[1])
     still.stop()
     expect(page.locator("#link-banner")).to_contain_text("lost")
-    again = start(tmp_path, port=port)
+    again = start(still.folder, port=port)
     try:
         wait_running(again)
         expect(page.locator("#link-state")).to_contain_text("Live", timeout=30_000)

@@ -7,6 +7,7 @@ import httpx
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
+from tests.e2e.audit import COLLISIONS
 from tests.e2e.conftest import PATIENCE_MS, VIEWPORT
 from tests.server.running import START_S, TOKEN, Running, start, wait_for
 from tests.small_recordings import write_robot
@@ -90,18 +91,6 @@ def test_speed(playing: Page, client: httpx.Client) -> None:
     wait_for(lambda: client.get("/api/v1/playback").json()["speed"] == 4.0)
 
 
-# What lies over the 3D view and what the player has: no two may share a pixel, none may leave the screen's width.
-COLLISIONS = """() => {
-    const parts = [...document.querySelectorAll('#player > *, .view-tool, .view-legend, .view-scale')]
-        .filter((e) => e.checkVisibility())
-        .map((e) => [e.id || e.className, e.getBoundingClientRect()]);
-    const found = parts.filter(([, r]) => r.left < 0 || r.right > innerWidth).map(([name]) => `${name}: too wide`);
-    parts.forEach(([name, a], index) => parts.slice(index + 1).forEach(([other, b]) => {
-        const apart = a.right <= b.left || b.right <= a.left || a.bottom <= b.top || b.bottom <= a.top;
-        if (!apart) found.push(`${name} on ${other}`);
-    }));
-    return found;
-}"""
 SCREENS = {
     "large": (1920, 1080, 32),
     "laptop": (1366, 768, 32),

@@ -54,7 +54,7 @@ class ViewerPanel {
     this.lost = drawable ? null : NO_WEBGL;
     this.scene = new Scene3D(frame);
     this.tools = new ViewTools(this.scene);
-    frame.after(this.canvas, ...this.tools.parts, this.loading);
+    frame.after(this.canvas, ...this.tools.parts, h("div", { class: "view-top" }, this.tools.bar, this.loading));
     this.watchSession(app);
     app.tick.on((tick) => {
       this.mapPoints = tick.map_points;

@@ -52,7 +52,7 @@ export class ViewTools {
   private readonly ruler = tool("measure", "Measure", "Click two points of the map or the floor", () => this.toggleMeasure());
   private readonly needle = h("div", { class: "compass-needle" }, h("span", { class: "compass-x" }, "x"), h("span", { class: "compass-y" }, "y"));
   private readonly scale = h("span", { class: "scale-bar num", id: "view-scale" });
-  private readonly bar: HTMLElement;
+  readonly bar: HTMLElement;
   readonly parts: HTMLElement[];
 
   constructor(private readonly scene: Scene3D) {
@@ -62,7 +62,7 @@ export class ViewTools {
     this.bar = h("div", group, ...this.buttons, this.layers(), this.ruler, h("a", save, drawing("save"), h("span", {}, "PLY")));
     const words = "World axes: x and y of the estimate's world; north is not known";
     const compass = h("div", { class: "compass", id: "view-compass", role: "img", "aria-label": words, title: words }, this.needle);
-    this.parts = [this.measure.root, this.bar, h("div", { class: "view-scale" }, this.scale, compass)];
+    this.parts = [this.measure.root, h("div", { class: "view-scale" }, this.scale, compass)];
     this.setFollowing(true);
   }
 

@@ -245,7 +245,7 @@ def test_everything_can_be_reached_and_is_named(page: Page) -> None:
 
 
 def test_the_page_comes_back_when_the_server_does(page: Page, still: Running) -> None:
-    """The last test: its server is not the one it began with, but has the same state folder and so the same sessions."""
+    """The last test: its server is another one in the same state folder, and so with the same sessions."""
     take_control(page)
     port = int(still.url.rsplit(":", 1)[1])
     still.stop()

@@ -15,7 +15,7 @@ from playwright.sync_api import Browser, Page, expect
 from tests.conftest import CHECKOUT, SHARED_DATA
 from tests.e2e.chromium import chromium_path, open_chromium
 from tests.e2e.watching import Complaints
-from tests.server.running import START_S, TOKEN, Running, wait_for
+from tests.server.running import START_S, TOKEN, Running, is_ready, wait_for
 
 VIEWPORT = {"width": 1000, "height": 640}
 # For a machine that is busy with other things too.
@@ -90,10 +90,11 @@ def stop_dashboard(server: Running) -> int:
 
 
 def wait_until_running(server: Running) -> None:
-    """Wait for the session; fail with its own words when it does."""
+    """Wait for a session that would move its robot; fail with its own words when it does."""
     with server.client() as client:
         state = wait_for(lambda: _settled(client.get("/api/v1/state").json()), START_S)
-    assert state["session"] == "running", state["message"]
+        assert state["session"] == "running", state["message"]
+        wait_for(lambda: is_ready(client), START_S)
 
 
 def _settled(state: dict[str, Any]) -> dict[str, Any] | None:

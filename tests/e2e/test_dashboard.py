@@ -26,7 +26,7 @@ from tests.e2e.watching import (
     screenshot_rgb,
     viewer_frame,
 )
-from tests.server.running import START_S, TOKEN, wait_for
+from tests.server.running import START_S, TOKEN, is_ready, wait_for
 
 pytestmark = pytest.mark.browser
 RUN_TIMEOUT_S = 600.0
@@ -52,7 +52,7 @@ def crawling(client: httpx.Client) -> None:
     """The simulator runs, nothing is latched, the serpentine gait moves."""
     if state(client)["source"]["kind"] != "sim":
         client.post("/api/v1/sim/start", json={}).raise_for_status()
-        wait_for(lambda: state(client)["session"] == "running", START_S)
+        wait_for(lambda: is_ready(client), START_S)
     client.post("/api/v1/estop/reset").raise_for_status()
     client.put("/api/v1/gait", json={"name": "serpentine"}).raise_for_status()
     client.post("/api/v1/gait/start").raise_for_status()

@@ -67,6 +67,7 @@ class Telemetry:
         self._clients: set[Client] = set()
         self._recent: deque[str] = deque(maxlen=MAX_EVENTS)
         self._news: dict[str, Any] = {}
+        self._picture: Picture | None = None
         live.listen(self._on_report)
 
     async def serve(self, socket: WebSocket) -> None:
@@ -76,6 +77,8 @@ class Telemetry:
         client.put("state", self._state_text())
         for text in self._recent:
             client.put_event(text)
+        if (picture := self._picture_that_stays) is not None:
+            client.put("picture", picture)
         self._clients.add(client)
         self._metrics.clients.set(len(self._clients))
         try:
@@ -83,6 +86,13 @@ class Telemetry:
         finally:
             self._clients.discard(client)
             self._metrics.clients.set(len(self._clients))
+
+    @property
+    def _picture_that_stays(self) -> bytes | None:
+        """The newest image of a recording, which may be paused: no other may follow. A robot's image must be fresh."""
+        view = self._live.view
+        recording = view.tick is not None and view.tick.playback is not None
+        return picture_bytes(view, self._picture) if recording and self._picture is not None else None
 
     def tell_state(self) -> None:
         """Send the state to all, as after something changed that no report tells."""
@@ -103,10 +113,12 @@ class Telemetry:
             self._metrics.on_tick(report)
             self._broadcast("tick", json.dumps(tick_json(view, report), separators=(",", ":")))
         elif isinstance(report, Opening):
+            self._picture = None
             for client in self._clients:
                 client.forget()
         elif isinstance(report, Picture):
             self._metrics.pictures.inc()
+            self._picture = report
             if self._clients:
                 self._broadcast("picture", picture_bytes(view, report))
         elif isinstance(report, Features):

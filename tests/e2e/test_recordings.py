@@ -113,6 +113,8 @@ def test_the_player_covers_nothing_and_is_large_enough(browser: Browser, server:
     expect(page.locator("#player-play")).to_be_enabled()
     for part in ("#player", "#player-play", "#player-position", "#player-speed", "#camera-picture"):
         expect(page.locator(part)).to_be_in_viewport(ratio=0.99)
+    # A page that opens while nothing plays has the image too.
+    expect(page.locator("#camera .picture-empty")).to_be_hidden()
     assert page.evaluate(COLLISIONS) == []
     sizes = [button.bounding_box() for button in page.locator("#player button, #player select").all()]
     assert all(box is not None and min(box["width"], box["height"]) >= least_px for box in sizes), sizes

@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 from playwright.sync_api import Browser, Page, expect
@@ -28,9 +27,9 @@ STALLED_BODY = """() => {
 }"""
 
 
-@pytest.fixture
-def running(tmp_path: Path) -> Iterator[Running]:
-    running = start(tmp_path)
+@pytest.fixture(scope="module")
+def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
+    running = start(tmp_path_factory.mktemp("recovery"))
     wait_running(running)
     yield running
     running.stop()
@@ -63,28 +62,6 @@ def answer_with_another_gait(page: Page, running: Running) -> None:
         body = client.get("/api/v1/gait").json()
     body["catalogue"][0]["title"] = "Quite another gait"
     page.route("**/api/v1/gait", lambda route: route.fulfill(json=body))
-
-
-def test_signing_in_again_brings_view_role_and_gaits(page: Page, running: Running, tmp_path: Path) -> None:
-    wait_for_the_view(page)
-    expect(page.locator("#control-take")).to_be_visible()
-    answer_with_another_gait(page, running)
-    page.context.clear_cookies()
-    port = int(running.url.rsplit(":", 1)[1])
-    running.stop()
-    again = start(tmp_path, port=port)
-    try:
-        wait_running(again)
-        page.locator("#token").fill(VIEWER_TOKEN)
-        page.keyboard.press("Enter")
-        expect(page.locator("#link-state")).to_contain_text("Live")
-        expect(page.locator("#control-holder")).to_contain_text("You may only watch")
-        expect(page.locator("#control-take")).to_be_hidden()
-        expect(page.locator(".gait-card").first).to_contain_text("Quite another gait")
-        wait_for_the_view(page)
-    finally:
-        page.context.close()
-        again.stop()
 
 
 def test_a_frame_that_was_refused_recovers_by_itself(page: Page) -> None:
@@ -120,3 +97,26 @@ def test_every_failed_request_says_what_where_and_what_to_do(page: Page) -> None
     page.locator("#source").click()
     expect(page.locator(".recordings")).to_contain_text("Reading the list of recordings failed")
     expect(page.locator(".recordings")).to_contain_text("is not JSON")
+
+
+def test_signing_in_again_brings_view_role_and_gaits(page: Page, running: Running) -> None:
+    """The last test: it ends the server that the others share."""
+    wait_for_the_view(page)
+    expect(page.locator("#control-take")).to_be_visible()
+    answer_with_another_gait(page, running)
+    page.context.clear_cookies()
+    port = int(running.url.rsplit(":", 1)[1])
+    running.stop()
+    again = start(running.folder, port=port)
+    try:
+        wait_running(again)
+        page.locator("#token").fill(VIEWER_TOKEN)
+        page.keyboard.press("Enter")
+        expect(page.locator("#link-state")).to_contain_text("Live")
+        expect(page.locator("#control-holder")).to_contain_text("You may only watch")
+        expect(page.locator("#control-take")).to_be_hidden()
+        expect(page.locator(".gait-card").first).to_contain_text("Quite another gait")
+        wait_for_the_view(page)
+    finally:
+        page.context.close()
+        again.stop()

@@ -9,7 +9,7 @@ CHECKOUT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(CHECKOUT))
 
 from tests.e2e.chromium import chromium_path, open_chromium  # noqa: E402
-from tests.e2e.conftest import start_dashboard, stop_dashboard, wait_until_running  # noqa: E402
+from tests.e2e.conftest import start_dashboard, start_moving, stop_dashboard, wait_until_running  # noqa: E402
 from tests.server.running import Running  # noqa: E402
 
 SIZE = {"width": 1440, "height": 900}
@@ -43,7 +43,8 @@ def start_gait(server: Running) -> None:
     """Take control for the picture's sake; the robot starts at rest."""
     with server.client() as client:
         lease = client.post("/api/v1/control/lease", json={"name": "picture", "seconds": 3600}).raise_for_status()
-        client.post("/api/v1/gait/start", headers={"Control-Lease": lease.json()["key"]}).raise_for_status()
+        client.headers["Control-Lease"] = lease.json()["key"]
+        start_moving(client)
 
 
 def wait_until_simulated(server: Running, simulated_s: float) -> None:

@@ -6,9 +6,11 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
+from http import HTTPStatus
 from pathlib import Path
 from typing import Any
 
+import httpx
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
@@ -95,6 +97,18 @@ def wait_until_running(server: Running) -> None:
         state = wait_for(lambda: _settled(client.get("/api/v1/state").json()), START_S)
         assert state["session"] == "running", state["message"]
         wait_for(lambda: is_ready(client), START_S)
+
+
+def start_moving(client: httpx.Client) -> None:
+    """Start the gait; asked again while it is refused, as it is while a busy machine's camera or estimator is late."""
+
+    def accepted() -> bool:
+        answer = client.post("/api/v1/gait/start")
+        if answer.status_code != HTTPStatus.CONFLICT:
+            answer.raise_for_status()
+        return answer.is_success
+
+    wait_for(accepted, START_S)
 
 
 def _settled(state: dict[str, Any]) -> dict[str, Any] | None:

@@ -18,7 +18,7 @@ from playwright.sync_api import Page, expect
 from websockets.sync.client import connect
 
 from tests.conftest import CHECKOUT
-from tests.e2e.conftest import Dashboard
+from tests.e2e.conftest import Dashboard, start_moving
 from tests.e2e.watching import (
     drawn_points,
     look_at,
@@ -55,7 +55,7 @@ def crawling(client: httpx.Client) -> None:
         wait_for(lambda: is_ready(client), START_S)
     client.post("/api/v1/estop/reset").raise_for_status()
     client.put("/api/v1/gait", json={"name": "serpentine"}).raise_for_status()
-    client.post("/api/v1/gait/start").raise_for_status()
+    start_moving(client)
 
 
 def state(client: httpx.Client) -> dict[str, Any]:

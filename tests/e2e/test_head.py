@@ -8,7 +8,7 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from snakeslam.runtime.safety import FROZEN, LOST
-from tests.e2e.conftest import Dashboard
+from tests.e2e.conftest import Dashboard, start_moving
 from tests.e2e.watching import poll
 
 pytestmark = pytest.mark.browser
@@ -32,7 +32,7 @@ def state(client: httpx.Client) -> dict[str, Any]:
 
 def test_the_head_is_held_as_the_operator_chooses_while_moving(page: Page, client: httpx.Client) -> None:
     client.put("/api/v1/gait", json={"name": "serpentine"}).raise_for_status()
-    client.post("/api/v1/gait/start").raise_for_status()
+    start_moving(client)
     head = client.get("/api/v1/head").json()
     current = page.locator(f"#head-controller-{head['current']['controller']}")
     expect(current).to_have_attribute("aria-checked", "true")

@@ -116,6 +116,7 @@ def test_the_player_covers_nothing_and_is_large_enough(browser: Browser, server:
     # A page that opens while nothing plays has the image too.
     expect(page.locator("#camera .picture-empty")).to_be_hidden()
     assert page.evaluate(COLLISIONS) == []
+    assert page.locator("#drive").evaluate("drive => drive.scrollWidth <= drive.clientWidth"), "the drive panel is cut"
     sizes = [button.bounding_box() for button in page.locator("#player button, #player select").all()]
     assert all(box is not None and min(box["width"], box["height"]) >= least_px for box in sizes), sizes
     slider = page.locator("#player-position").bounding_box()

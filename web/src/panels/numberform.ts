@@ -69,13 +69,14 @@ export class NumberForm {
 
   enable(enabled: boolean): void {
     this.group.disabled = !enabled;
+    this.mark();
   }
 
   private mark(): void {
     const value = this.number.valueAsNumber;
     const valid = value >= Number(this.number.min) && value <= Number(this.number.max) && !this.number.validity.stepMismatch;
     if (value === this.inForce) this.edited = false;
-    this.number.setAttribute("aria-invalid", String(!valid));
+    this.number.setAttribute("aria-invalid", String(!valid && !this.group.disabled));
     this.button.disabled = !valid || value === (this.inForce ?? 0);
   }
 }

@@ -38,7 +38,12 @@ class Evidence:
 
 
 def supports(evidence: Evidence, settings: HealthSettings) -> bool:
-    """Return whether a frame holds the state: enough is followed, and not all of it contradicts."""
+    """Return whether a frame holds the state: enough is followed, and not all of it contradicts.
+
+    After an IMU gap of ``max_blind_s`` (a clock set anew) nothing does: a state reckoned over so long is not corrected.
+    """
+    if evidence.imu_gap_s > settings.max_blind_s:
+        return False
     agreement = evidence.agreement
     contradicts = agreement.tried >= ENOUGH_TRIED and agreement.accepted < settings.min_features
     seen = evidence.followed >= settings.min_features and not evidence.frozen and not contradicts

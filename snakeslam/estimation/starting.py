@@ -170,9 +170,19 @@ class Starter:
         state = start_still(recent, seen.t_ns, self._settings.gravity_m_s2, self._model.noise, stationary)
         return None if state is None else (SlidingWindow(state, self._settings, self._model), AT_REST)
 
+    def _may_be_stationary(self, seen: Seen) -> bool:
+        """Return whether the image has moved by noise or a tremor at most, but not yet for long enough to tell.
+
+        With depth a start in motion takes less time than that, and would find a motion in the noise.
+        """
+        since = self._history[self._still_since]
+        return self._still_since == 0 and seen.t_ns - since.t_ns < TREMOR_S * 1e9
+
     def _from_motion(self, seen: Seen, imu: ImuBuffer) -> tuple[SlidingWindow, str] | None:
         if self.waits_long and self._waited_frames % FRAMES_PER_DOUBT:
             # A search that has failed so often, and takes longest when it fails, is not repeated in each frame.
+            return None
+        if self._may_be_stationary(seen):
             return None
         with_depth = np.count_nonzero(seen.features.depth_m > 0.0) >= ENOUGH_WITH_DEPTH
         if seen.t_ns - self._history[0].t_ns < (MOVING_START_DEPTH_NS if with_depth else MOVING_START_NS):

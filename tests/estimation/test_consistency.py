@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from bench.simulated import SwingingHead, run
+from bench.simulated import SETTINGS, SwingingHead, run
 
 
 def test_nees_over_seeds() -> None:
@@ -16,12 +16,16 @@ def test_nees_over_seeds() -> None:
 
 
 def test_yaw_is_not_learnt_from_nothing() -> None:
-    """Yaw is not observable: its variance never falls while the head swings (first-estimates Jacobians)."""
+    """Yaw is not observable: its variance never falls while the head swings (first-estimates Jacobians).
+
+    Only in the first window may it fall: its features measure the yaw since the first pose, where that is zero.
+    """
     head = SwingingHead(seed=3, duration_s=5.0, tracks=80)
     take = run(head)
     R, _ = head.pose(take.t_s)
     up_I = R[:, 2]
     variance = np.einsum("ni,nij,nj->n", up_I, take.cov[:, :3, :3], up_I)
     assert variance[-1] > variance[len(variance) // 3] > variance[2]
+    variance = variance[SETTINGS.window.clones :]
     lowest_ahead = np.minimum.accumulate(variance[::-1])[::-1]
-    assert np.all(lowest_ahead > 0.8 * variance)
+    assert np.all(lowest_ahead > 0.9 * variance)

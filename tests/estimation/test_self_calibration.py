@@ -205,7 +205,9 @@ def test_what_has_no_sigma_is_held() -> None:
     turn = np.deg2rad(1.0) * np.array([0.0, 1.0, 0.0])
     time_alone = CalibrationSettings(time_offset_sigma_ms=5.0)
     head = SwingingHead(seed=1, duration_s=3.0, tracks=60)
-    mount, sigma = calibrated(head, rig(R_IC @ so3.exp(turn), P_IC), time_alone)
-    assert np.array_equal(mount.p_IC, rig(R_IC, P_IC).cam0.T_IC[:3, 3])
+    believed = rig(R_IC @ so3.exp(turn), P_IC)
+    mount, sigma = calibrated(head, believed, time_alone)
+    assert np.array_equal(mount.p_IC, believed.cam0.T_IC[:3, 3])
+    assert np.array_equal(mount.R_IC, believed.cam0.T_IC[:3, :3])
     assert len(sigma) == 1
     assert free_mount(RIG.cam0, CalibrationSettings(time_offset_sigma_ms=0.0)) is None

@@ -149,7 +149,10 @@ def test_damage_found_halfway_leaves_nothing(cli: Cli, tmp_path: Path) -> None:
     data = bytearray(image.read_bytes())
     data[len(data) // 2] ^= 0xFF
     image.write_bytes(bytes(data))
-    assert_one_line(*cli("replay", clip, "--set", "estimator.mode=visual", "--out", "o/p"), "the image is damaged")
+    code, out, err = cli("replay", clip, "--set", "estimator.mode=visual", "--out", "o/p")
+    running, error = err.splitlines(keepends=True)
+    assert running.startswith("running: ")
+    assert_one_line(code, out, error, "the image is damaged")
     assert [path.name for path in tmp_path.iterdir()] == ["data"]
 
 

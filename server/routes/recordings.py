@@ -75,17 +75,14 @@ class PlaybackRequest(BaseModel):
 
 
 @router.get("/playback")
-async def get_playback(house: Rooms) -> dict[str, Any]:
-    """How the recording that is open plays."""
+async def get_playback(house: Rooms) -> dict[str, Any] | None:
+    """How the recording that is open plays; null where none is."""
     tick = house.live.view.tick
-    playback = None if tick is None else playback_json(tick.playback)
-    if playback is None:
-        raise Problem(HTTPStatus.CONFLICT, "no recording is open; POST /recordings/{id}/play opens one")
-    return playback
+    return None if tick is None else playback_json(tick.playback)
 
 
 @router.put("/playback")
-async def put_playback(house: Rooms, who: Who, request: PlaybackRequest) -> dict[str, Any]:
+async def put_playback(house: Rooms, who: Who, request: PlaybackRequest) -> dict[str, Any] | None:
     """Pause, seek, step through, or change the speed of the recording that is open. Needs control."""
     house.need_control(who)
     await house.live.control_playback(ControlPlayback(**request.model_dump()))

@@ -60,8 +60,8 @@ def run_experiment(
     """Run ``config`` in the simulator, or over ``recording``, and write the run directory ``out``.
 
     The simulator runs for ``duration_s`` (else the config's), a recording for as long or to its end. ``began`` is
-    called with the run directory's name once it is claimed. What is
-    wrong is said before the loop turns (InputError); a run that fails leaves nothing behind.
+    called with the run directory's name as soon as nothing can be wrong with the settings any more. What is wrong is
+    said before that (InputError); a run that fails leaves nothing behind.
     """
     if recording is None:
         # What the joints cannot do is said before a simulator starts.
@@ -69,13 +69,13 @@ def run_experiment(
     name = recording.resolve().name if recording else f"{config.gait.name}-s{config.run.seed}"
     with new_directory(out, name) as new, closing(build_backend(config, recording)) as backend:
         part = new.part
-        if began is not None:
-            began(new.out)
         config = fit_to_recording(config, backend)
         recorder = Recorder(_sensor_writer(config, recording, part, backend))
         slam, governor = build_slam(config, backend), build_governor(config)
         loop = Loop(backend, build_control(config, backend), slam, recorder, governor)
         collect_seldom()
+        if began is not None:
+            began(new.out)
         wall_s = turn_loop(loop, config, _end_ns(config, backend, duration_s), progress or (lambda _: None))
         metrics = _evaluate(config, backend, recorder, wall_s)
         notes = (*_head_notes(config, backend, metrics), *_notes(backend, recorder))

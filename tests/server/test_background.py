@@ -14,7 +14,7 @@ from server.viewer import Viewer
 from snakeslam.config import Config
 from snakeslam.messages import MapChunk
 from snakeslam.runtime.spec import SessionSpec
-from snakeslam.runtime.topics import Event, Report
+from snakeslam.runtime.topics import Event, Opening, Report
 from tests.server.running import wait_for
 from tests.server.test_runs import ShortRuns, until_over
 
@@ -142,7 +142,7 @@ def test_a_listener_that_fails_keeps_no_report_from_the_others() -> None:
         await live.stop()
 
     asyncio.run(start())
-    assert [type(report) for report in heard] == [Event]
+    assert [type(report) for report in heard] == [Opening, Event]
 
 
 class StillHost:

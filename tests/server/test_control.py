@@ -14,7 +14,7 @@ def test_state_says_what_the_contract_promises(client: httpx.Client) -> None:
     found = state(client)
     keys = (
         "source t_s moving estop control gait notice held_because head_control head robot estimator health "
-        "realtime_factor session session_number message playback"
+        "realtime_factor session session_number message playback back_up_offered"
     )
     assert set(found) == set(keys.split())
     assert found["source"] == {"kind": "sim", "name": "simulator"}

@@ -38,6 +38,15 @@ def position_s(client: httpx.Client) -> float:
     return client.get("/api/v1/playback").raise_for_status().json()["position_s"]
 
 
+def listed(client: httpx.Client) -> dict[str, dict[str, Any]]:
+    """The recordings by name; the list is made anew every 2 s at most."""
+    return {one["name"]: one for one in client.get("/api/v1/recordings").json()}
+
+
+def origin(recording: dict[str, Any]) -> list[Any]:
+    return [recording.get(key) for key in ("gait", "world", "seed", "when")]
+
+
 def put(client: httpx.Client, **request: object) -> dict[str, Any]:
     return client.put("/api/v1/playback", json=request).raise_for_status().json()
 
@@ -45,7 +54,7 @@ def put(client: httpx.Client, **request: object) -> dict[str, Any]:
 @pytest.fixture
 def playing(client: httpx.Client) -> httpx.Client:
     """The recording, paused at its beginning."""
-    (recording,) = client.get("/api/v1/recordings").json()
+    recording = listed(client)["at rest"]
     client.post(f"/api/v1/recordings/{recording['id']}/play").raise_for_status()
     wait_for(lambda: state(client)["session"] == "running" and state(client)["playback"], START_S)
     put(client, paused=True, position_s=0.0, speed=1.0)
@@ -119,12 +128,13 @@ def test_a_recording_of_a_run_says_what_the_run_was(client: httpx.Client, server
         for text, expected in (
             (json.dumps(facts), ["pedal", "office", 4, "2026-11-28T09:00:00Z"]),
             ("\x00" * 100, [None] * 4),
+            (json.dumps({**facts, "seed": 5}), ["pedal", "office", 5, "2026-11-28T09:00:00Z"]),
             (json.dumps({**facts, "seed": "four"}), [None] * 4),
         ):
             (folder / "run.json").write_text(text)
-            found = {one["name"]: one for one in client.get("/api/v1/recordings").json()}
-            assert [found["survey"][key] for key in ("gait", "world", "seed", "when")] == expected
-            assert found["at rest"]["gait"] is None
+            # Each file's facts differ from those of the file before.
+            wait_for(lambda e=expected: origin(listed(client).get("survey", {})) == e)
+            assert listed(client)["at rest"]["gait"] is None
     finally:
         shutil.rmtree(folder)
 

@@ -168,9 +168,9 @@ class Behind:
 
 @contextmanager
 def proxy(path: Path) -> Iterator[str]:
-    """Serve the proxy alone, without sign-in; yield its websocket's address."""
+    """Serve the proxy alone, without sign-in and limits; yield its websocket's address."""
     app = FastAPI()
-    app.include_router(ViewerProxy(path).router)
+    app.add_api_websocket_route("/viewer", ViewerProxy(path)._serve)
     server = uvicorn.Server(uvicorn.Config(app, port=0, log_level="error", ws_per_message_deflate=False))
     thread = threading.Thread(target=server.run)
     thread.start()

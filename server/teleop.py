@@ -217,6 +217,8 @@ class Driver:
             await self._live.command(command, self._hand.taken_s if self._moves else None)
         except Problem as problem:
             self._hand.release()
+            # Input that came meanwhile would be sent as a zero now, which the robot would take for a release.
+            self._newest = None
             return problem.detail
         self._metrics.command_s.observe(monotonic() - started)
         return None

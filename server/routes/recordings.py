@@ -5,7 +5,7 @@ from http import HTTPStatus
 from typing import Annotated, Any
 
 from fastapi import APIRouter
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from server.deps import Rooms, Who
 from server.problem import Problem
@@ -59,18 +59,23 @@ async def play(recording_id: str, house: Rooms, who: Who, request: PlayRequest |
     return house.state()
 
 
+def _whole(value: object) -> object:
+    """JSON Schema counts 2.0 among the integers."""
+    return int(value) if isinstance(value, float) and value.is_integer() else value
+
+
 class PlaybackRequest(BaseModel):
     """PUT /playback: what is left out stays as it is."""
 
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True)
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True, strict=True)
 
-    paused: Annotated[bool, Field(strict=True)] | None = None
+    paused: bool | None = None
     """Playing at the end begins anew."""
     speed: Annotated[float, Field(ge=SLOWEST, le=FASTEST)] | None = None
     """A multiple of real time; the machine may be slower."""
     position_s: Annotated[float, Field(ge=0)] | None = None
     """Seconds from the first frame; past the end it is the last frame. What is ahead has to be computed on the way."""
-    step: Annotated[int, Field(strict=True, ge=-1000, le=1000)] = 0
+    step: Annotated[int, BeforeValidator(_whole), Field(ge=-1000, le=1000)] = 0
     """So many frames on (negative: back), then paused."""
 
 

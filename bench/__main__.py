@@ -27,14 +27,14 @@ from snakeslam.backends.sim.physics import SnakePhysics
 from snakeslam.backends.sim.renderer import Renderer
 from snakeslam.config import load_config
 from snakeslam.control import Control
-from snakeslam.estimation import sliding_window
-from snakeslam.estimation.frontend import Frontend
-from snakeslam.estimation.sliding_window import SlidingWindow
-from snakeslam.estimation.state import State
+from snakeslam.estimation.filter.state import State
+from snakeslam.estimation.frontend.tracking import Frontend
+from snakeslam.estimation.vio import window
+from snakeslam.estimation.vio.window import SlidingWindow
 from snakeslam.mapping.keyframes import KeyframeMapper
 from snakeslam.messages import CameraFrame, Float, GaitCommand, GroundTruth, JointTarget, Packet, SlamUpdate
-from snakeslam.runtime.assembly import build_backend, build_control, build_slam
-from snakeslam.runtime.lockstep import Loop
+from snakeslam.runtime.session.assembly import build_backend, build_control, build_slam
+from snakeslam.runtime.session.lockstep import Loop
 from snakeslam.slam import Slam
 
 SECONDS = 10.0
@@ -55,7 +55,7 @@ STAGES: tuple[tuple[Any, str, str, float | None], ...] = (
     (Frontend, "process", "estimator: front-end", None),
     (State, "propagate", "estimator: propagation", None),
     (SlidingWindow, "correct", "estimator: correction, all of it", None),
-    (sliding_window, "update", "estimator: of that, the iterated update", None),
+    (window, "update", "estimator: of that, the iterated update", None),
     (KeyframeMapper, "update", "map: one frame", 5.0),
 )
 

@@ -12,7 +12,7 @@ from websockets.asyncio.client import connect
 from websockets.exceptions import WebSocketException
 from websockets.typing import Subprotocol
 
-from snakeslam.runtime.priority import go_along
+from snakeslam.runtime.process.priority import go_along
 
 READS = {
     "map.ply": "/api/v1/map.ply",

@@ -21,10 +21,10 @@ from rich.table import Table
 from bench.flooding import KINDS
 from bench.live import spread
 from snakeslam.messages import MapChunk
-from snakeslam.runtime.bus import Bus
-from snakeslam.runtime.link import Link, unix_endpoint
-from snakeslam.runtime.priority import go_first
-from snakeslam.runtime.topics import CHUNKS, ROBOT_STATE, RobotState
+from snakeslam.runtime.bus.bus import Bus
+from snakeslam.runtime.bus.link import Link, unix_endpoint
+from snakeslam.runtime.bus.topics import CHUNKS, ROBOT_STATE, RobotState
+from snakeslam.runtime.process.priority import go_first
 from tests.e2e.conftest import start_dashboard, stop_dashboard, wait_until_running
 from tests.server.running import CHECKOUT, TOKEN, VIEWER_TOKEN, Running, wait_for
 

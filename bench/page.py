@@ -28,10 +28,10 @@ sys.path.insert(0, str(CHECKOUT))
 from bench.flooding import KINDS  # noqa: E402
 from bench.floods import Latch, Operator, flood  # noqa: E402
 from bench.live import processes, spread  # noqa: E402
-from snakeslam.runtime.bus import Bus  # noqa: E402
-from snakeslam.runtime.link import Link, unix_endpoint  # noqa: E402
-from snakeslam.runtime.topics import ROBOT_STATE, SENSORS, RobotState  # noqa: E402
-from snakeslam.runtime.wire import Sensors  # noqa: E402
+from snakeslam.runtime.bus.bus import Bus  # noqa: E402
+from snakeslam.runtime.bus.link import Link, unix_endpoint  # noqa: E402
+from snakeslam.runtime.bus.topics import ROBOT_STATE, SENSORS, RobotState  # noqa: E402
+from snakeslam.runtime.bus.wire import Sensors  # noqa: E402
 from tests.e2e.chromium import chromium_path, open_chromium  # noqa: E402
 from tests.e2e.conftest import start_dashboard, stop_dashboard, wait_until_running  # noqa: E402
 from tests.server.running import TOKEN, VIEWER_TOKEN, Running  # noqa: E402

@@ -24,8 +24,8 @@ from snakeslam.messages import (  # noqa: E402
     Packet,
     SlamUpdate,
 )
-from snakeslam.runtime.assembly import build_backend, build_control, build_slam  # noqa: E402
-from snakeslam.runtime.lockstep import Loop  # noqa: E402
+from snakeslam.runtime.session.assembly import build_backend, build_control, build_slam  # noqa: E402
+from snakeslam.runtime.session.lockstep import Loop  # noqa: E402
 
 SECONDS = 300.0
 WORLDS = ("corridor:1", "office:1", "rubble:1")

@@ -10,10 +10,10 @@ from typing import Protocol
 import numpy as np
 
 from snakeslam.calibration import CameraCalibration, ImuCalibration, SensorRig
-from snakeslam.estimation.frontend import FrontendFrame
+from snakeslam.estimation.frontend.tracking import FrontendFrame
 from snakeslam.estimation.settings import EstimatorSettings, NoiseSettings
-from snakeslam.estimation.start_still import SIGMA_BIAS_A
-from snakeslam.estimation.vio import VisualInertialOdometry
+from snakeslam.estimation.start.still import SIGMA_BIAS_A
+from snakeslam.estimation.vio.odometry import VisualInertialOdometry
 from snakeslam.geometry import se3, so3
 from snakeslam.messages import CameraFrame, Float, ImuSample, Packet
 

@@ -23,14 +23,10 @@ from rich.progress import track
 CHECKOUT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(CHECKOUT))
 
-from snakeslam.runtime.bus import Bus  # noqa: E402
-from snakeslam.runtime.clock import RobotClock  # noqa: E402
-from snakeslam.runtime.link import Link, unix_endpoint  # noqa: E402
-from snakeslam.runtime.node import spawn  # noqa: E402
-from snakeslam.runtime.orders import Sender  # noqa: E402
-from snakeslam.runtime.robot_node import run_robot  # noqa: E402
-from snakeslam.runtime.spec import SessionSpec  # noqa: E402
-from snakeslam.runtime.topics import (  # noqa: E402
+from snakeslam.runtime.bus.bus import Bus  # noqa: E402
+from snakeslam.runtime.bus.link import Link, unix_endpoint  # noqa: E402
+from snakeslam.runtime.bus.orders import Sender  # noqa: E402
+from snakeslam.runtime.bus.topics import (  # noqa: E402
     ESTOP,
     ORDERS,
     ROBOT_STATE,
@@ -42,7 +38,11 @@ from snakeslam.runtime.topics import (  # noqa: E402
     RobotState,
     Start,
 )
-from snakeslam.runtime.wire import Beat, Order  # noqa: E402
+from snakeslam.runtime.bus.wire import Beat, Order  # noqa: E402
+from snakeslam.runtime.nodes.robot import run_robot  # noqa: E402
+from snakeslam.runtime.process.clock import RobotClock  # noqa: E402
+from snakeslam.runtime.process.node import spawn  # noqa: E402
+from snakeslam.runtime.session.spec import SessionSpec  # noqa: E402
 from tests.faults.held_hand import ROBOT, SERVER, SLAM, Served, Watcher  # noqa: E402
 from tests.faults.nodes import CONFIG  # noqa: E402
 from tests.server.running import wait_for  # noqa: E402

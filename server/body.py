@@ -6,7 +6,7 @@ from server.live import View
 from snakeslam.messages import Float
 from snakeslam.robot.kinematics import link_poses_from_imu
 from snakeslam.robot.model import snake_model
-from snakeslam.runtime.topics import Tick
+from snakeslam.runtime.bus.topics import Tick
 
 USUAL_PERIOD_S = 4.0
 Row = tuple[float, float, float, float]

@@ -9,7 +9,7 @@ import structlog
 from server.background import attempt, keep_on
 from server.deps import House
 from server.problem import Problem
-from snakeslam.runtime.topics import Tick
+from snakeslam.runtime.bus.topics import Tick
 
 LOOK_S, SESSIONS_S = 0.1, 0.5
 HOLD_S = 2.0

@@ -4,7 +4,7 @@ import logging
 
 import structlog
 
-from snakeslam.runtime.logs import Repeats, StandardError, log_to_stderr
+from snakeslam.runtime.process.logs import Repeats, StandardError, log_to_stderr
 
 
 def configure_logs() -> None:

@@ -3,7 +3,7 @@
 from prometheus_client import CollectorRegistry, Counter, Gauge, Histogram, ProcessCollector, generate_latest
 
 from snakeslam.messages import Verdict
-from snakeslam.runtime.topics import Tick
+from snakeslam.runtime.bus.topics import Tick
 
 PHASES = ("starting", "running", "ended", "failed")
 SECONDS = (0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)

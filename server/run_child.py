@@ -10,7 +10,7 @@ import signal
 import sys
 import threading
 
-from snakeslam.runtime.priority import go_last
+from snakeslam.runtime.process.priority import go_last
 
 
 def _end_with_server() -> None:

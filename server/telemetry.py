@@ -14,7 +14,7 @@ from server.live import Live, View
 from server.metrics import Metrics
 from server.state import event_json, features_json, picture_bytes, state_json, tick_json
 from snakeslam.messages import MapChunk
-from snakeslam.runtime.topics import Ended, Event, Features, Opening, Picture, Report, Started, Tick
+from snakeslam.runtime.bus.topics import Ended, Event, Features, Opening, Picture, Report, Started, Tick
 
 MAX_EVENTS = 100
 STALLED_S = 15.0

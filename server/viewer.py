@@ -16,7 +16,7 @@ from server.viewer_host import start_viser, stop_viser
 from snakeslam.geometry import so3
 from snakeslam.mapping.detail import coarse_to_fine
 from snakeslam.messages import Float, MapChunk
-from snakeslam.runtime.topics import Opening, Picture, Report, RobotShape, Started, Tick
+from snakeslam.runtime.bus.topics import Opening, Picture, Report, RobotShape, Started, Tick
 
 RATE_HZ = 15.0
 PATH_RATE_HZ = 2.0

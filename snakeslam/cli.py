@@ -21,7 +21,7 @@ from snakeslam.threads import use_one_thread
 
 if TYPE_CHECKING:
     from snakeslam.config import Config
-    from snakeslam.runtime.link import Link
+    from snakeslam.runtime.bus.link import Link
     from snakeslam.studies.experiment import RunResult
     from snakeslam.studies.rows import Row
 
@@ -88,7 +88,7 @@ def serve(
     if not 0 <= port <= 65535:
         raise InputError("--port", str(port), "0 to 65535")
     from server.main import serve as start
-    from snakeslam.runtime.spec import SessionSpec
+    from snakeslam.runtime.session.spec import SessionSpec
 
     link = None if connect is None else _link(connect, None, authority, certificate, key)
     autostart = loaded.run.autostart and link is None
@@ -196,14 +196,14 @@ def node(
 
     loaded = load_config(config or configs_dir() / "sim.yaml", settings or ())
     link = _link(connect, listen, authority, certificate, key)
-    from snakeslam.runtime.logs import log_to_stderr
-    from snakeslam.runtime.node import Life, end_at_signals
-    from snakeslam.runtime.robot_node import run_robot
-    from snakeslam.runtime.slam_node import run_slam
-    from snakeslam.runtime.spec import SessionSpec
+    from snakeslam.runtime.nodes.robot import run_robot
+    from snakeslam.runtime.nodes.slam import run_slam
+    from snakeslam.runtime.process.logs import log_to_stderr
+    from snakeslam.runtime.process.node import Life, end_at_signals
+    from snakeslam.runtime.session.spec import SessionSpec
 
     if name not in (NodeName.ROBOT, NodeName.SLAM):
-        from snakeslam.runtime.health import NODES, check
+        from snakeslam.runtime.bus.probe import NODES, check
 
         _, _, one = name.partition("-")
         typer.echo(check(link, (one,) if one else NODES))
@@ -220,7 +220,7 @@ def node(
 def _link(
     connect: str | None, listen: str | None, authority: Path | None, certificate: Path | None, key: Path | None
 ) -> "Link":
-    from snakeslam.runtime.link import Certificates, Link
+    from snakeslam.runtime.bus.link import Certificates, Link
 
     endpoint = connect or listen
     if endpoint is None or (connect is not None and listen is not None):

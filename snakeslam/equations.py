@@ -33,7 +33,7 @@ class Equation:
 GAIT_MODELS = "tests/estimation/test_gait_models.py"
 PLANAR = "tests/estimation/test_planar.py"
 PREINTEGRATION = "tests/estimation/test_preintegration.py"
-SUMS = ("snakeslam.estimation.preintegration.preintegrate", PREINTEGRATION)
+SUMS = ("snakeslam.estimation.filter.preintegration.preintegrate", PREINTEGRATION)
 DIRECTION, POSITION = "snakeslam.head.direction", "snakeslam.head.position"
 DIRECTION_TEST, POSITION_TEST = "tests/head/test_direction.py", "tests/head/test_position.py"
 GAIT = ("snakeslam.gaits.parametric.joint_angles", "tests/gaits/test_parametric.py")
@@ -213,7 +213,7 @@ EQUATIONS: dict[int, Equation] = {
             "R_w^k p_{k+1} = R_w^k (p_k + v_k dt - 1/2 g^w dt^2) + alpha\n"
             "R_w^k v_{k+1} = R_w^k (v_k - g^w dt) + beta\n"
             "q_w^k * q_{k+1} = gamma",
-            "snakeslam.estimation.preintegration",
+            "snakeslam.estimation.filter.preintegration",
             PREINTEGRATION,
             note="Comes from multiplying (23), not (24), by R_w^{b_k}; alpha's superscript is b_k.",
         ),
@@ -235,7 +235,7 @@ EQUATIONS: dict[int, Equation] = {
             "2 [ q_w^k * q_{k+1} * gamma^-1 ]_xyz\n"
             "b_a,{k+1} - b_a,k\n"
             "b_g,{k+1} - b_g,k",
-            "snakeslam.estimation.preintegration.Preintegrated.residual",
+            "snakeslam.estimation.filter.preintegration.Preintegrated.residual",
             PREINTEGRATION,
             note="Printed with - g dt in the velocity row and the accelerometer's bias twice.",
         ),
@@ -243,7 +243,7 @@ EQUATIONS: dict[int, Equation] = {
             28,
             "Centre of mass",
             "p = 1/N [ e^T X ; e^T Y ]",
-            "snakeslam.estimation.gait_models.centre_of_mass",
+            "snakeslam.estimation.planar.models.centre_of_mass",
             GAIT_MODELS,
             note="The sums run to N.",
         ),
@@ -251,7 +251,7 @@ EQUATIONS: dict[int, Equation] = {
             29,
             "Links joined end to end",
             "D X + l A cos(theta) = 0,   D Y + l A sin(theta) = 0",
-            "snakeslam.estimation.gait_models.Rods.gaps",
+            "snakeslam.estimation.planar.models.Rods.gaps",
             GAIT_MODELS,
         ),
         Equation(
@@ -259,7 +259,7 @@ EQUATIONS: dict[int, Equation] = {
             "Links from the centre of mass and the angles",
             "T X = [ -l A cos(theta) ; p_x ],   T Y = [ -l A sin(theta) ; p_y ]\n"
             "T = [ D ; e^T/N ],   T^-1 = [ D^T (D D^T)^-1, e ]",
-            "snakeslam.estimation.gait_models.Rods.positions",
+            "snakeslam.estimation.planar.models.Rods.positions",
             GAIT_MODELS,
         ),
         Equation(
@@ -267,7 +267,7 @@ EQUATIONS: dict[int, Equation] = {
             "Velocities of the links",
             "dX/dt = l K^T S_theta dtheta/dt + e dp_x/dt\n"
             "dY/dt = - l K^T C_theta dtheta/dt + e dp_y/dt,      K = A^T (D D^T)^-1 D",
-            "snakeslam.estimation.gait_models.Rods.velocities",
+            "snakeslam.estimation.planar.models.Rods.velocities",
             GAIT_MODELS,
             note="K is not defined in print. An identity: dp and the turn come from a law of friction (Rods.twist).",
         ),
@@ -275,28 +275,28 @@ EQUATIONS: dict[int, Equation] = {
             32,
             "Arc rolling: the links on the ground",
             "v_wheel = omega r",
-            "snakeslam.estimation.gait_models.wheel_speed",
+            "snakeslam.estimation.planar.models.wheel_speed",
             GAIT_MODELS,
         ),
         Equation(
             33,
             "Arc rolling: the lifted link",
             "r_l = l sin(A/2 cos(omega t)),   theta = omega t",
-            "snakeslam.estimation.gait_models.swing_radius",
+            "snakeslam.estimation.planar.models.swing_radius",
             GAIT_MODELS,
         ),
         Equation(
             34,
             "Arc rolling: its velocity",
             "v_x = d/dt ( r_l cos theta ),   v_z = d/dt ( r_l sin theta )",
-            "snakeslam.estimation.gait_models.swing_velocity",
+            "snakeslam.estimation.planar.models.swing_velocity",
             GAIT_MODELS,
         ),
         Equation(
             35,
             "Arc rolling: forward speed",
             "v(t) = v_wheel + v_x    0 < t <= T/4\n     = v_wheel          T/4 < t <= T/2",
-            "snakeslam.estimation.gait_models.paper_rolling_speed",
+            "snakeslam.estimation.planar.models.paper_rolling_speed",
             GAIT_MODELS,
         ),
         Equation(
@@ -304,7 +304,7 @@ EQUATIONS: dict[int, Equation] = {
             "Arc rolling: forward speed, written out",
             "v = omega r - omega l [ A/2 cos(A/2 cos(omega t)) sin(omega t) cos(omega t)\n"
             "                        + sin(A/2 cos(omega t)) sin(omega t) ]",
-            "snakeslam.estimation.gait_models.lifting_speed",
+            "snakeslam.estimation.planar.models.lifting_speed",
             GAIT_MODELS,
             note="Follows from (34), but a planar arc lies flat and lifts nothing. Better: the links' normals n fan\n"
             "over +-N A/4, V = argmin int |V - omega r n(s)| ds (gait_models.fan_rolling_speed).",
@@ -313,7 +313,7 @@ EQUATIONS: dict[int, Equation] = {
             37,
             "State of the planar filter",
             "x = [ p_x, p_y, theta, v, omega ]^T",
-            "snakeslam.estimation.planar.PlanarState",
+            "snakeslam.estimation.planar.state.PlanarState",
             PLANAR,
         ),
         Equation(
@@ -321,7 +321,7 @@ EQUATIONS: dict[int, Equation] = {
             "Its motion",
             "x_{k+1} = f(x_k, u_k, dt) + w_k\n"
             "p += v dt (cos theta, sin theta),   theta += omega dt,   v and omega from the motion model",
-            "snakeslam.estimation.planar.move",
+            "snakeslam.estimation.planar.state.move",
             PLANAR,
             note="f is not given in print.",
         ),
@@ -329,7 +329,7 @@ EQUATIONS: dict[int, Equation] = {
             39,
             "Its measurement",
             "z_k = h(x_k) + v_k",
-            "snakeslam.estimation.planar.observe",
+            "snakeslam.estimation.planar.state.observe",
             PLANAR,
             note="z is the head's (x, y, yaw) of vision and IMU, h = (p + R(theta) r_V, theta + psi), r_V and psi\n"
             "from the joints.",
@@ -338,7 +338,7 @@ EQUATIONS: dict[int, Equation] = {
             40,
             "Its prediction",
             "x_{k|k-1} = f(x_{k-1|k-1}, u_{k-1}, dt)\nP_{k|k-1} = F P_{k-1|k-1} F^T + G Q G^T",
-            "snakeslam.estimation.planar.PlanarState.predict",
+            "snakeslam.estimation.planar.state.PlanarState.predict",
             PLANAR,
             note="F is taken at x_{k-1|k-1}.",
         ),
@@ -346,7 +346,7 @@ EQUATIONS: dict[int, Equation] = {
             41,
             "Iterated update on the manifold",
             "x_0 = x^\nx_{j+1} = x^ [+] K_j [ z [-] h(x_j) + H_j (x_j [-] x^) ],   H_j, K_j at x_j\nP = (I - K H) P",
-            "snakeslam.estimation.ieskf.update",
+            "snakeslam.estimation.filter.ieskf.update",
             "tests/estimation/test_ieskf.py",
             note="Printed without the iteration. The covariance is transported by J_j^-1; it stops when dx is\n"
             "small or the cost rises.",

@@ -3,12 +3,12 @@
 from snakeslam.calibration import SensorRig
 from snakeslam.errors import InputError
 from snakeslam.estimation.base import Estimator, FrameEstimate
-from snakeslam.estimation.gait_aid import GaitAid
-from snakeslam.estimation.planar_odometry import GaitOdometry, PlanarOdometry
-from snakeslam.estimation.plausibility import check_camera
+from snakeslam.estimation.gait.aid import GaitAid
+from snakeslam.estimation.planar.odometry import GaitOdometry, PlanarOdometry
 from snakeslam.estimation.settings import EstimatorSettings
-from snakeslam.estimation.vio import VisualInertialOdometry
-from snakeslam.estimation.visual import VisualOdometry
+from snakeslam.estimation.start.plausibility import check_camera
+from snakeslam.estimation.vio.odometry import VisualInertialOdometry
+from snakeslam.estimation.visual.odometry import VisualOdometry
 from snakeslam.mapping.keyframes import KeyframeMapper
 from snakeslam.mapping.settings import MappingSettings
 from snakeslam.messages import CameraFrame, JointTarget, MapChunk, Packet, SlamUpdate

@@ -10,7 +10,7 @@ import yaml
 
 from snakeslam.calibration import SensorRig, dump_rig
 from snakeslam.errors import InputError
-from snakeslam.estimation.camera import PinholeCamera
+from snakeslam.estimation.imaging.camera import PinholeCamera
 from snakeslam.geometry import se3
 from snakeslam.recording.datasets.calibration_files import read_rig
 

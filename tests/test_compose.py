@@ -21,11 +21,11 @@ NODES = """
 import sys
 from snakeslam.config import Config
 from snakeslam.robot.model import RobotSettings
-from snakeslam.runtime.link import Link
-from snakeslam.runtime.node import Life, end_at_signals
-from snakeslam.runtime.robot_node import run_robot
-from snakeslam.runtime.slam_node import run_slam
-from snakeslam.runtime.spec import SessionSpec
+from snakeslam.runtime.bus.link import Link
+from snakeslam.runtime.process.node import Life, end_at_signals
+from snakeslam.runtime.nodes.robot import run_robot
+from snakeslam.runtime.nodes.slam import run_slam
+from snakeslam.runtime.session.spec import SessionSpec
 from tests.server.still_robot import still_robot
 if __name__ == "__main__":
     name, endpoint = sys.argv[1:]

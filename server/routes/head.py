@@ -18,7 +18,7 @@ from snakeslam.head.neck import most_neck_joints, neck_joints_of
 from snakeslam.head.settings import LEAST_NECK_JOINTS, HeadController, HeadSettings
 from snakeslam.messages import HeadCommand
 from snakeslam.robot.model import SnakeModel, snake_model
-from snakeslam.runtime.topics import HeadMotion, SetHead
+from snakeslam.runtime.bus.topics import HeadMotion, SetHead
 
 router = APIRouter(tags=["head"])
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from snakeslam.estimation.gating import Agreement
+from snakeslam.estimation.filter.gating import Agreement
 from snakeslam.estimation.settings import HealthSettings
 from snakeslam.messages import Float, Health, Verdict
 

@@ -4,9 +4,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from snakeslam.estimation.gait_settings import GaitSensorSettings
-from snakeslam.estimation.planar_settings import PlanarSettings
-from snakeslam.estimation.visual_settings import VisualSettings
+from snakeslam.estimation.gait.settings import GaitSensorSettings
+from snakeslam.estimation.planar.settings import PlanarSettings
+from snakeslam.estimation.visual.settings import VisualSettings
 from snakeslam.settings import Settings
 
 Positive = Annotated[float, Field(gt=0)]

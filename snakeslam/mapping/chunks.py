@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from snakeslam.estimation.camera import PinholeCamera
+from snakeslam.estimation.imaging.camera import PinholeCamera
 from snakeslam.mapping.settings import MappingSettings
 from snakeslam.messages import CameraFrame
 

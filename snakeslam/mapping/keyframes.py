@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from snakeslam.calibration import CameraCalibration
-from snakeslam.estimation.camera import PinholeCamera
+from snakeslam.estimation.imaging.camera import PinholeCamera
 from snakeslam.geometry import se3, so3
 from snakeslam.mapping.chunks import depth_points
 from snakeslam.mapping.settings import MappingSettings

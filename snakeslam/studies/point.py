@@ -12,8 +12,8 @@ from snakeslam.errors import BackendError
 from snakeslam.estimation.settings import Mode
 from snakeslam.geometry import so3
 from snakeslam.messages import Float, SlamUpdate
-from snakeslam.runtime.assembly import build_backend, build_control, build_slam
-from snakeslam.runtime.lockstep import Loop
+from snakeslam.runtime.session.assembly import build_backend, build_control, build_slam
+from snakeslam.runtime.session.lockstep import Loop
 from snakeslam.studies.broadcast import Broadcast, Listener
 from snakeslam.studies.experiment import turn_loop
 from snakeslam.studies.measures import MEASURES, MeasureName

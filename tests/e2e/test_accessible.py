@@ -249,7 +249,7 @@ WIDEST_GAP = """canvas => {
 
 
 def test_a_gap_in_the_data_is_a_gap_in_the_joint_curves(browser: Browser, still: Running) -> None:
-    """A server that stands still for 8 s of the 20 s shown: the last second or two of them still wait in its sockets."""
+    """A server that stands still for 8 s of the 20 s shown; its sockets keep a part of what it missed."""
     context = new_context(browser, DESKTOP)
     page = sign_in(context, still)
     curves = page.locator("#joint-plot canvas").first

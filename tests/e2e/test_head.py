@@ -7,7 +7,7 @@ import httpx
 import pytest
 from playwright.sync_api import Page, expect
 
-from snakeslam.runtime.safety import FROZEN, LOST
+from snakeslam.runtime.robot.safety import FROZEN, LOST
 from tests.e2e.conftest import Dashboard, start_moving
 from tests.e2e.watching import poll
 

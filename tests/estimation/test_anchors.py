@@ -4,10 +4,11 @@ import cv2
 import numpy as np
 import pytest
 
-from snakeslam.estimation import anchors, depth_sampling, motion_ransac
-from snakeslam.estimation.anchors import Anchors
-from snakeslam.estimation.camera import PinholeCamera
-from snakeslam.estimation.frontend import Frontend, FrontendFrame
+from snakeslam.estimation.frontend import motion_ransac, patches
+from snakeslam.estimation.frontend.patches import Anchors
+from snakeslam.estimation.frontend.tracking import Frontend, FrontendFrame
+from snakeslam.estimation.imaging import depth_sampling
+from snakeslam.estimation.imaging.camera import PinholeCamera
 from snakeslam.estimation.settings import FrontendSettings
 from snakeslam.geometry import so3
 from snakeslam.messages import CameraFrame
@@ -15,7 +16,7 @@ from tests.estimation.wall import FOCAL_PX, HEIGHT_PX, RIG, WIDTH_PX, K
 
 CAMERA = PinholeCamera(RIG.cam0)
 FAR_M = 2.0
-COMPILED = (anchors._align, anchors._look, motion_ransac._most_agreeing, depth_sampling._smooth_depth)
+COMPILED = (patches._align, patches._look, motion_ransac._most_agreeing, depth_sampling._smooth_depth)
 PX = np.array([[80.0, 60.0], [160.0, 120.0], [230.0, 170.0]], np.float32)
 IDS = np.array([7, 3, 11])
 
@@ -80,7 +81,7 @@ def test_without_depth_and_at_the_border_nothing_moves() -> None:
 
 
 def test_more_features_than_there_was_room_for(rng: np.random.Generator) -> None:
-    count = 3 * anchors.FIRST_ROOM
+    count = 3 * patches.FIRST_ROOM
     gray = seen(texture(), np.eye(3))
     px = rng.uniform(20, 220, (count, 2)).astype(np.float32)
     ids, depth_m, kept = np.arange(count), np.full(count, FAR_M), Anchors()

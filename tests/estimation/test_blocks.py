@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from snakeslam.estimation.blocks import add_to_part, part
+from snakeslam.estimation.filter.blocks import add_to_part, part
 
 MATRIX = np.random.default_rng(0).normal(size=(7, 7))
 ROWS, COLUMNS = np.array([5, 0, 2]), np.array([1, 6])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from snakeslam.calibration import CameraCalibration
-from snakeslam.estimation.camera import PinholeCamera
+from snakeslam.estimation.imaging.camera import PinholeCamera
 from tests.estimation.wall import RIG
 
 

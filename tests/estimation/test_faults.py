@@ -8,7 +8,7 @@ import pytest
 
 from snakeslam.estimation.base import FrameEstimate
 from snakeslam.estimation.settings import EstimatorSettings
-from snakeslam.estimation.vio import VisualInertialOdometry
+from snakeslam.estimation.vio.odometry import VisualInertialOdometry
 from snakeslam.messages import CameraFrame, ImuSample, Packet, Verdict
 from tests.estimation.wall import RIG, Wall
 

@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from snakeslam.estimation.camera import PinholeCamera
-from snakeslam.estimation.frontend import Frontend, FrontendFrame
+from snakeslam.estimation.frontend.tracking import Frontend, FrontendFrame
+from snakeslam.estimation.imaging.camera import PinholeCamera
 from snakeslam.estimation.settings import FrontendSettings
 from snakeslam.geometry import so3
 from snakeslam.messages import CameraFrame

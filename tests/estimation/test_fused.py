@@ -11,16 +11,16 @@ from bench.simulated import RIG, SimulatedFrontend
 from snakeslam.calibration import SensorRig
 from snakeslam.errors import InputError
 from snakeslam.estimation.base import FrameEstimate
-from snakeslam.estimation.frontend import FrontendFrame
-from snakeslam.estimation.gait_aid import GaitAid
-from snakeslam.estimation.gait_learning import SlipModel
-from snakeslam.estimation.gait_odometry import GaitOdometer, JointHistory, Reckoned
-from snakeslam.estimation.gait_rows import GaitRows, GaitWay
-from snakeslam.estimation.gait_settings import GaitSensorSettings
-from snakeslam.estimation.preintegration import ImuSegments
+from snakeslam.estimation.filter.preintegration import ImuSegments
+from snakeslam.estimation.filter.state import CORE, State
+from snakeslam.estimation.frontend.tracking import FrontendFrame
+from snakeslam.estimation.gait.aid import GaitAid
+from snakeslam.estimation.gait.learning import SlipModel
+from snakeslam.estimation.gait.odometry import GaitOdometer, JointHistory, Reckoned
+from snakeslam.estimation.gait.rows import GaitRows, GaitWay
+from snakeslam.estimation.gait.settings import GaitSensorSettings
 from snakeslam.estimation.settings import EstimatorSettings, NoiseSettings
-from snakeslam.estimation.state import CORE, State
-from snakeslam.estimation.vio import VisualInertialOdometry
+from snakeslam.estimation.vio.odometry import VisualInertialOdometry
 from snakeslam.gaits.catalogue import GaitName, GaitSettings
 from snakeslam.geometry import numeric, so3
 from snakeslam.messages import CameraFrame, Float, GaitCommand, JointState, Packet, Verdict
@@ -388,10 +388,10 @@ def test_a_body_that_rolls_is_not_carried_up(rolling: Crawl, monkeypatch: pytest
         at = {round(t_s, 3): e for t_s, e, _ in errors(rolling, follow(rolling, True))}
         return float(abs(at[COVERED_S[1] - 0.05] - at[COVERED_S[0] - 0.05])[2])
 
-    monkeypatch.setattr("snakeslam.estimation.gait_odometry.sliding_velocity", lifted)
+    monkeypatch.setattr("snakeslam.estimation.gait.odometry.sliding_velocity", lifted)
     held_m = risen_m()
     assert held_m < 0.01
-    monkeypatch.setattr("snakeslam.estimation.gait_odometry.HEIGHT_TIME_S", 1e9)
+    monkeypatch.setattr("snakeslam.estimation.gait.odometry.HEIGHT_TIME_S", 1e9)
     assert held_m < 0.6 * risen_m()
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.special import j0
 
-from snakeslam.estimation.gait_models import (
+from snakeslam.estimation.planar.models import (
     SLIP_M_S,
     Rods,
     centre_of_mass,

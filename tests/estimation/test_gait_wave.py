@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from snakeslam.estimation.gait_wave import GaitWave
+from snakeslam.estimation.gait.wave import GaitWave
 from snakeslam.messages import Float
 
 UP_I = np.array([0.0, 0.0, 1.0])

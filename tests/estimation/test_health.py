@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from snakeslam.estimation.gating import Agreement, Innovation
+from snakeslam.estimation.filter.gating import Agreement, Innovation
 from snakeslam.estimation.health import Evidence, judge, supports
 from snakeslam.estimation.settings import HealthSettings
 from snakeslam.messages import Verdict

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from snakeslam.estimation.features import Features, promote
-from snakeslam.estimation.ieskf import update
-from snakeslam.estimation.measurements import (
+from snakeslam.estimation.filter.ieskf import update
+from snakeslam.estimation.filter.state import CLONE, CORE, LANDMARK, State
+from snakeslam.estimation.measurements.camera import (
     CameraRows,
     Observations,
     Poses,
@@ -14,9 +14,9 @@ from snakeslam.estimation.measurements import (
     predict,
     residuals,
 )
+from snakeslam.estimation.measurements.landmarks import Sightings
+from snakeslam.estimation.measurements.projected_tracks import Features, promote
 from snakeslam.estimation.settings import NoiseSettings
-from snakeslam.estimation.sightings import Sightings
-from snakeslam.estimation.state import CLONE, CORE, LANDMARK, State
 from snakeslam.geometry import numeric, so3
 
 R_IC = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])

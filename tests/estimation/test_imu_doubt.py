@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from snakeslam.estimation.base import FrameEstimate
-from snakeslam.estimation.imu_doubt import STUCK, SampleJudge
+from snakeslam.estimation.filter.imu_doubt import STUCK, SampleJudge
 from snakeslam.estimation.settings import EstimatorSettings
-from snakeslam.estimation.vio import VisualInertialOdometry
+from snakeslam.estimation.vio.odometry import VisualInertialOdometry
 from snakeslam.messages import ImuSample, Packet, Verdict
 from tests.estimation.wall import RIG, Wall
 

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from snakeslam.calibration import ImuCalibration
-from snakeslam.estimation.measurements import CameraRows, Observations, Poses, jacobians, residuals
-from snakeslam.estimation.preintegration import ImuSegments, preintegrate
+from snakeslam.estimation.filter.preintegration import ImuSegments, preintegrate
+from snakeslam.estimation.filter.state import BIASES, CORE, State
+from snakeslam.estimation.measurements.camera import CameraRows, Observations, Poses, jacobians, residuals
+from snakeslam.estimation.measurements.zero_velocity import AtRest, Rest
 from snakeslam.estimation.settings import NoiseSettings
-from snakeslam.estimation.state import BIASES, CORE, State
-from snakeslam.estimation.stillness import AtRest, Rest
 from snakeslam.geometry import numeric, so3
 
 GRAVITY_W = np.array([0.0, 0.0, -9.81])

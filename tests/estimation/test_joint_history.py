@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from snakeslam.estimation.joint_history import ANGLE_SIGMA_RAD, OFF_RAD, JointHistory
+from snakeslam.estimation.gait.joint_history import ANGLE_SIGMA_RAD, OFF_RAD, JointHistory
 from snakeslam.messages import Float, JointState
 
 DT_NS = 10_000_000

@@ -8,8 +8,9 @@ import pytest
 
 from snakeslam.errors import InputError
 from snakeslam.estimation.base import FrameEstimate
-from snakeslam.estimation.gait_motion import GaitMotion, Shape, rotation
-from snakeslam.estimation.planar import (
+from snakeslam.estimation.planar.motion import GaitMotion, Shape, rotation
+from snakeslam.estimation.planar.odometry import GaitOdometry, PlanarOdometry, plane, planted
+from snakeslam.estimation.planar.state import (
     Motion,
     PlanarState,
     move,
@@ -18,7 +19,6 @@ from snakeslam.estimation.planar import (
     transition,
     wrapped,
 )
-from snakeslam.estimation.planar_odometry import GaitOdometry, PlanarOdometry, plane, planted
 from snakeslam.estimation.settings import EstimatorSettings
 from snakeslam.gaits.catalogue import GaitName, GaitSettings, resolve
 from snakeslam.gaits.parametric import joint_angles, joint_slopes

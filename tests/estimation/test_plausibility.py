@@ -10,9 +10,9 @@ from snakeslam.calibration import SensorRig
 from snakeslam.config import load_config
 from snakeslam.errors import InputError
 from snakeslam.estimation.base import FrameEstimate
-from snakeslam.estimation.plausibility import accelerometer_fault, gyro_fault
 from snakeslam.estimation.settings import EstimatorSettings
-from snakeslam.estimation.vio import VisualInertialOdometry
+from snakeslam.estimation.start.plausibility import accelerometer_fault, gyro_fault
+from snakeslam.estimation.vio.odometry import VisualInertialOdometry
 from snakeslam.geometry import se3, so3
 from snakeslam.messages import ImuSample
 from snakeslam.slam import build_estimator

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from snakeslam.calibration import ImuCalibration
-from snakeslam.estimation.preintegration import ALPHA, BETA, GAMMA, ImuBuffer, ImuSegments, preintegrate
+from snakeslam.estimation.filter.preintegration import ALPHA, BETA, GAMMA, ImuBuffer, ImuSegments, preintegrate
 from snakeslam.geometry import so3
 from snakeslam.messages import ImuSample
 

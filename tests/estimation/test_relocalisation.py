@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from snakeslam.estimation import relocalisation
 from snakeslam.estimation.base import FrameEstimate
-from snakeslam.estimation.frontend import FrontendFrame
-from snakeslam.estimation.relocalisation import MOST_KEYFRAMES, Keyframes, Place
+from snakeslam.estimation.filter.state import CORE, P, State
+from snakeslam.estimation.frontend.tracking import FrontendFrame
 from snakeslam.estimation.settings import EstimatorSettings, HealthSettings
-from snakeslam.estimation.state import CORE, P, State
-from snakeslam.estimation.vio import VisualInertialOdometry
+from snakeslam.estimation.vio import relocalisation
+from snakeslam.estimation.vio.odometry import VisualInertialOdometry
+from snakeslam.estimation.vio.relocalisation import MOST_KEYFRAMES, Keyframes, Place
 from snakeslam.geometry import numeric, so3
 from snakeslam.messages import CameraFrame, Float, Packet, Verdict
 from tests.estimation.wall import RIG, Wall

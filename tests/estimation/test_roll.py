@@ -6,7 +6,7 @@ import pytest
 from snakeslam.backends.sim.physics import SnakePhysics, pose_with_head_at
 from snakeslam.backends.sim.settings import PhysicsSettings
 from snakeslam.control import Control
-from snakeslam.estimation.roll import RollPrior, with_roll
+from snakeslam.estimation.imaging.roll_prior import RollPrior, with_roll
 from snakeslam.gaits.catalogue import GaitSettings
 from snakeslam.geometry import so3
 from snakeslam.head.settings import HeadSettings

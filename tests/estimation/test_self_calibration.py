@@ -5,9 +5,10 @@ import pytest
 
 from bench.simulated import P_IC, R_IC, RIG, SETTINGS, SimulatedFrontend, SwingingHead
 from snakeslam.calibration import SensorRig
-from snakeslam.estimation.features import Features
-from snakeslam.estimation.ieskf import Information
-from snakeslam.estimation.measurements import (
+from snakeslam.estimation.filter.extrinsics import Mount, free_mount, motion_of_rows
+from snakeslam.estimation.filter.ieskf import Information
+from snakeslam.estimation.filter.state import CORE, State
+from snakeslam.estimation.measurements.camera import (
     CameraRows,
     Observations,
     Poses,
@@ -16,11 +17,10 @@ from snakeslam.estimation.measurements import (
     predict,
     residuals,
 )
-from snakeslam.estimation.self_calibration import Mount, free_mount, motion_of_rows
+from snakeslam.estimation.measurements.landmarks import Sightings
+from snakeslam.estimation.measurements.projected_tracks import Features
 from snakeslam.estimation.settings import CalibrationSettings, NoiseSettings
-from snakeslam.estimation.sightings import Sightings
-from snakeslam.estimation.state import CORE, State
-from snakeslam.estimation.vio import VisualInertialOdometry
+from snakeslam.estimation.vio.odometry import VisualInertialOdometry
 from snakeslam.geometry import numeric, se3, so3
 from snakeslam.messages import Float
 

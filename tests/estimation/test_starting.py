@@ -7,7 +7,7 @@ import pytest
 
 from snakeslam.estimation.base import FrameEstimate
 from snakeslam.estimation.settings import EstimatorSettings
-from snakeslam.estimation.vio import VisualInertialOdometry
+from snakeslam.estimation.vio.odometry import VisualInertialOdometry
 from snakeslam.messages import ImuSample, Packet
 from tests.estimation.wall import RIG, Wall
 

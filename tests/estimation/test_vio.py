@@ -6,7 +6,7 @@ import pytest
 from snakeslam.errors import InputError
 from snakeslam.estimation.base import FrameEstimate
 from snakeslam.estimation.settings import EstimatorSettings
-from snakeslam.estimation.vio import VisualInertialOdometry
+from snakeslam.estimation.vio.odometry import VisualInertialOdometry
 from snakeslam.geometry import se3, so3
 from tests.estimation.wall import RIG, Wall
 

@@ -9,7 +9,7 @@ from snakeslam.errors import InputError
 from snakeslam.estimation.base import FrameEstimate
 from snakeslam.estimation.health import NEW_MAP
 from snakeslam.estimation.settings import EstimatorSettings
-from snakeslam.estimation.visual import R_LEVEL_WC, VisualOdometry
+from snakeslam.estimation.visual.odometry import R_LEVEL_WC, VisualOdometry
 from snakeslam.geometry import se3, so3
 from snakeslam.messages import CameraFrame, ImuSample, Verdict
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from snakeslam.estimation.orb import OrbExtractor, best_pairs, hamming, spread
-from snakeslam.estimation.point_map import JUDGED_AFTER, PROVEN, PointMap
-from snakeslam.estimation.visual_settings import VisualSettings
+from snakeslam.estimation.orb_map.orb import OrbExtractor, best_pairs, hamming, spread
+from snakeslam.estimation.orb_map.points import JUDGED_AFTER, PROVEN, PointMap
+from snakeslam.estimation.visual.settings import VisualSettings
 
 
 def test_hamming_counts_bits() -> None:

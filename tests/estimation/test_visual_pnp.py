@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from snakeslam.estimation.bundle import Bundle, _jacobians, _residuals, adjust
-from snakeslam.estimation.pnp import Sightings, jacobian, ransac_pose, refine_pose, residuals
+from snakeslam.estimation.orb_map.bundle import Bundle, _jacobians, _residuals, adjust
+from snakeslam.estimation.orb_map.pnp import Sightings, jacobian, ransac_pose, refine_pose, residuals
 from snakeslam.geometry import numeric, se3, so3
 
 FOCAL_PX = 500.0

@@ -16,10 +16,10 @@ import numpy as np
 from websockets.exceptions import WebSocketException
 from websockets.sync.client import ClientConnection, connect
 
-from snakeslam.runtime.bus import Bus
-from snakeslam.runtime.link import Link, unix_endpoint
-from snakeslam.runtime.topics import ROBOT_STATE, SENSORS, RobotState
-from snakeslam.runtime.wire import Sensors
+from snakeslam.runtime.bus.bus import Bus
+from snakeslam.runtime.bus.link import Link, unix_endpoint
+from snakeslam.runtime.bus.topics import ROBOT_STATE, SENSORS, RobotState
+from snakeslam.runtime.bus.wire import Sensors
 from tests.server.running import START_S, TOKEN, Running, children, is_ready, start, wait_for
 
 PERIOD_S, PING_EVERY = 0.05, 10

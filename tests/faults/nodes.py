@@ -14,15 +14,10 @@ from snakeslam.backends.base import Backend
 from snakeslam.config import Config
 from snakeslam.messages import MapChunk
 from snakeslam.robot.model import RobotSettings
-from snakeslam.runtime.bus import Bus
-from snakeslam.runtime.clock import RobotClock
-from snakeslam.runtime.link import Link, unix_endpoint
-from snakeslam.runtime.node import Child, spawn
-from snakeslam.runtime.orders import Sender
-from snakeslam.runtime.robot_node import run_robot
-from snakeslam.runtime.slam_node import run_slam
-from snakeslam.runtime.spec import SessionSpec
-from snakeslam.runtime.topics import (
+from snakeslam.runtime.bus.bus import Bus
+from snakeslam.runtime.bus.link import Link, unix_endpoint
+from snakeslam.runtime.bus.orders import Sender
+from snakeslam.runtime.bus.topics import (
     CHUNKS,
     ESTOP,
     ORDERS,
@@ -37,7 +32,12 @@ from snakeslam.runtime.topics import (
     RobotState,
     SlamState,
 )
-from snakeslam.runtime.wire import Order, Sensors
+from snakeslam.runtime.bus.wire import Order, Sensors
+from snakeslam.runtime.nodes.robot import run_robot
+from snakeslam.runtime.nodes.slam import run_slam
+from snakeslam.runtime.process.clock import RobotClock
+from snakeslam.runtime.process.node import Child, spawn
+from snakeslam.runtime.session.spec import SessionSpec
 from tests.server.still_robot import still_robot
 
 CONFIG = Config(robot=RobotSettings(model="orthogonal24"))

@@ -8,7 +8,7 @@ import pytest
 
 from snakeslam.config import Config, RunSettings, SafetySettings
 from snakeslam.robot.model import RobotSettings
-from snakeslam.runtime.topics import RobotState
+from snakeslam.runtime.bus.topics import RobotState
 from tests.faults.nodes import Nodes, wait_for
 from tests.faults.test_faults import Site
 from tests.server.running import START_S

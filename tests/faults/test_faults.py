@@ -19,10 +19,10 @@ from snakeslam.cli import main as cli
 from snakeslam.errors import SnakeslamError
 from snakeslam.messages import GaitCommand
 from snakeslam.robot.model import PRESETS
-from snakeslam.runtime.driving import LET_GO_FIRST, SILENT_HAND
-from snakeslam.runtime.health import check
-from snakeslam.runtime.safety import FROZEN, LOST, SERVER, SLAM
-from snakeslam.runtime.topics import Command, Drive, EStop, ResetEStop, SetGait, Start, Stop
+from snakeslam.runtime.bus.probe import check
+from snakeslam.runtime.bus.topics import Command, Drive, EStop, ResetEStop, SetGait, Start, Stop
+from snakeslam.runtime.robot.driving import LET_GO_FIRST, SILENT_HAND
+from snakeslam.runtime.robot.safety import FROZEN, LOST, SERVER, SLAM
 from tests.faults.nodes import BRAKE_STEPS, HOLD_NS, Nodes, wait_for
 from tests.server.running import START_S, Running, start
 

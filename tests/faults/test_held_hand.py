@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import httpx
 import pytest
 
-from snakeslam.runtime.driving import LET_GO_FIRST
+from snakeslam.runtime.robot.driving import LET_GO_FIRST
 from tests.faults.held_hand import ROBOT, SERVER, SLAM, Served
 from tests.server.running import START_S, wait_for
 

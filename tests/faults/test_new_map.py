@@ -7,7 +7,7 @@ import pytest
 
 from server.viewer import NEW_MAP_RGB, tinted
 from snakeslam.config import Config, RunSettings, SafetySettings
-from snakeslam.estimation.gait_settings import GaitSensorSettings
+from snakeslam.estimation.gait.settings import GaitSensorSettings
 from snakeslam.estimation.health import NEW_MAP
 from snakeslam.estimation.settings import EstimatorSettings, HealthSettings
 from snakeslam.robot.model import RobotSettings

@@ -10,12 +10,12 @@ from pathlib import Path
 
 import pytest
 
-from snakeslam.runtime.bus import Bus
-from snakeslam.runtime.guard import NOT_FINITE
-from snakeslam.runtime.orders import Sender
-from snakeslam.runtime.safety import SERVER
-from snakeslam.runtime.topics import ESTOP, SERVER_BEAT, EStop, ResetEStop, Start, Stop
-from snakeslam.runtime.wire import Beat, Order
+from snakeslam.runtime.bus.bus import Bus
+from snakeslam.runtime.bus.orders import Sender
+from snakeslam.runtime.bus.topics import ESTOP, SERVER_BEAT, EStop, ResetEStop, Start, Stop
+from snakeslam.runtime.bus.wire import Beat, Order
+from snakeslam.runtime.robot.guard import NOT_FINITE
+from snakeslam.runtime.robot.safety import SERVER
 from tests.faults.failing_robot import failing_control, failing_robot
 from tests.faults.nodes import HOLD_NS, Nodes, wait_for
 

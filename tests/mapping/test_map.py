@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from snakeslam.calibration import CameraCalibration
-from snakeslam.estimation.camera import PinholeCamera
+from snakeslam.estimation.imaging.camera import PinholeCamera
 from snakeslam.geometry import se3, so3
 from snakeslam.mapping.chunks import depth_points, trusted_depth
 from snakeslam.mapping.export import write_ply

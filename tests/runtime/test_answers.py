@@ -1,9 +1,9 @@
 """What a sender hears of its commands."""
 
 from snakeslam.messages import GaitCommand
-from snakeslam.runtime.answers import OVERTAKEN, Answers
-from snakeslam.runtime.orders import Sender
-from snakeslam.runtime.topics import EStop, SetGait, Start
+from snakeslam.runtime.bus.orders import Sender
+from snakeslam.runtime.bus.topics import EStop, SetGait, Start
+from snakeslam.runtime.robot.answers import OVERTAKEN, Answers
 
 
 def test_an_estop_that_comes_after_a_later_command_is_answered_as_what_it_is() -> None:

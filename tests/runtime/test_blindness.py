@@ -4,7 +4,7 @@ import pytest
 
 from snakeslam.config import SafetySettings
 from snakeslam.messages import Health, Verdict
-from snakeslam.runtime.blindness import Blindness
+from snakeslam.runtime.robot.blindness import Blindness
 
 FRAME_S = 0.05
 SEEN, BLIND = Health(Verdict.GOOD, tracks=150), Health(Verdict.BLIND)

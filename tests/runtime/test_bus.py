@@ -12,10 +12,10 @@ import pytest
 import structlog
 
 from snakeslam.errors import InputError
-from snakeslam.runtime.bus import Bus, BusError
-from snakeslam.runtime.link import Certificates, Link, unix_endpoint
-from snakeslam.runtime.topics import FRAMES, ROBOT_EVENTS, SERVER_BEAT, Event, Topic
-from snakeslam.runtime.wire import Beat
+from snakeslam.runtime.bus.bus import Bus, BusError
+from snakeslam.runtime.bus.link import Certificates, Link, unix_endpoint
+from snakeslam.runtime.bus.topics import FRAMES, ROBOT_EVENTS, SERVER_BEAT, Event, Topic
+from snakeslam.runtime.bus.wire import Beat
 
 
 def wait_for(condition: Callable[[], object], timeout_s: float = 15.0) -> None:

@@ -25,11 +25,10 @@ from snakeslam.messages import (
     Verdict,
 )
 from snakeslam.robot.model import RobotSettings
-from snakeslam.runtime.codec import WireError, decode, encode
-from snakeslam.runtime.governor import Governed, Phase
-from snakeslam.runtime.orders import Sender, command_of
-from snakeslam.runtime.shapes import SHAPES, hello_sizes, robot_sizes
-from snakeslam.runtime.topics import (
+from snakeslam.runtime.bus.codec import WireError, decode, encode
+from snakeslam.runtime.bus.orders import Sender, command_of
+from snakeslam.runtime.bus.shapes import SHAPES, hello_sizes, robot_sizes
+from snakeslam.runtime.bus.topics import (
     TOPICS,
     Answer,
     Command,
@@ -48,7 +47,8 @@ from snakeslam.runtime.topics import (
     Start,
     Stop,
 )
-from snakeslam.runtime.wire import Beat, Estimate, Exposure, Hello, Order, Sensors
+from snakeslam.runtime.bus.wire import Beat, Estimate, Exposure, Hello, Order, Sensors
+from snakeslam.runtime.robot.governor import Governed, Phase
 from tests.server.still_robot import StillRobot
 
 Q = np.linspace(-1.0, 1.0, 24)

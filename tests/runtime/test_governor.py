@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from snakeslam.config import GovernorSettings
 from snakeslam.messages import Health, Verdict
-from snakeslam.runtime.governor import Governed, Governor, Phase, ease
+from snakeslam.runtime.robot.governor import Governed, Governor, Phase, ease
 
 SETTINGS = GovernorSettings(enabled=True)
 GOOD = Health(Verdict.GOOD, (), 150, 1.0)

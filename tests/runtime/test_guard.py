@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from snakeslam.messages import Float, JointTarget
 from snakeslam.robot.limits import JointLimits
-from snakeslam.runtime.guard import NOT_FINITE, RESUME_S, STEP_S, Guard
+from snakeslam.runtime.robot.guard import NOT_FINITE, RESUME_S, STEP_S, Guard
 
 LIMITS = JointLimits(position_rad=1.5, rate_rad_s=6.0, acceleration_rad_s2=40.0)
 AMPLITUDE_RAD, OMEGA = np.array([0.5, 1.0]), 2.0 * np.pi / 2.0

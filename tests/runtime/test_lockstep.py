@@ -19,7 +19,7 @@ from snakeslam.messages import (
     SlamUpdate,
     Verdict,
 )
-from snakeslam.runtime.lockstep import Loop
+from snakeslam.runtime.session.lockstep import Loop
 
 N = 3
 PERIOD_NS = 10_000_000
@@ -158,7 +158,7 @@ def test_a_recording_needs_no_control() -> None:
 def test_slam_is_timed_over_the_packets_of_a_frame(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each call takes a second on this clock: two periods of three packets and the frame."""
     ticks = iter(np.arange(0.0, 1000.0))
-    monkeypatch.setattr("snakeslam.runtime.lockstep.perf_counter", lambda: float(next(ticks)))
+    monkeypatch.setattr("snakeslam.runtime.session.lockstep.perf_counter", lambda: float(next(ticks)))
     loop, _, _, sink = build(None)
     turn(loop)
     assert sink.slam_ms == [7000.0, 7000.0, 7000.0]

@@ -7,7 +7,7 @@ import pytest
 
 SCRIPT = """
 import os, sys, structlog
-from snakeslam.runtime.logs import log_to_stderr
+from snakeslam.runtime.process.logs import log_to_stderr
 log_to_stderr()
 {before}
 structlog.get_logger("x").error("a line")

@@ -14,10 +14,10 @@ from snakeslam.messages import (
     SlamUpdate,
     Verdict,
 )
-from snakeslam.runtime.anchor import Anchor
-from snakeslam.runtime.clock import RobotClock
-from snakeslam.runtime.merge import LONGEST_WAIT_NS, Merge
-from snakeslam.runtime.wire import Sensors
+from snakeslam.runtime.bus.merge import LONGEST_WAIT_NS, Merge
+from snakeslam.runtime.bus.wire import Sensors
+from snakeslam.runtime.process.clock import RobotClock
+from snakeslam.runtime.view.anchor import Anchor
 
 MS = 1_000_000
 ZERO = np.zeros(3)

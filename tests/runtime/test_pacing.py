@@ -2,7 +2,7 @@
 
 import pytest
 
-from snakeslam.runtime.pacing import Pacer
+from snakeslam.runtime.process.pacing import Pacer
 
 MS = 1_000_000
 

@@ -2,8 +2,8 @@
 
 import pytest
 
-from snakeslam.runtime.playback import Player
-from snakeslam.runtime.topics import ControlPlayback
+from snakeslam.runtime.bus.topics import ControlPlayback
+from snakeslam.runtime.session.playback import Player
 
 FRAMES, PERIOD_NS = 100, 50_000_000
 

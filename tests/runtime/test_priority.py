@@ -9,7 +9,7 @@ import pytest
 ASK = """
 import errno, os, resource
 from pathlib import Path
-from snakeslam.runtime import priority
+from snakeslam.runtime.process import priority
 priority.go_along()  # whatever the tests run as
 {before}
 def share():

@@ -2,7 +2,7 @@
 
 import pytest
 
-from snakeslam.runtime.robot_time import RobotTime
+from snakeslam.runtime.robot.time import RobotTime
 
 MS = 1_000_000
 

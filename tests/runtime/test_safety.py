@@ -7,10 +7,10 @@ from hypothesis import strategies as st
 
 from snakeslam.messages import GaitCommand, HeadCommand, JointTarget
 from snakeslam.robot.limits import JointLimits
-from snakeslam.runtime.intake import FUTURE_NS, STALE_NS
-from snakeslam.runtime.safety import FROZEN, FROZEN_NS, LOST, SERVER, SILENT_NS, SLAM, Safety
-from snakeslam.runtime.topics import Command, EStop, ResetEStop, SetGait, SetHead, Start, Stop
-from snakeslam.runtime.wire import Order
+from snakeslam.runtime.bus.topics import Command, EStop, ResetEStop, SetGait, SetHead, Start, Stop
+from snakeslam.runtime.bus.wire import Order
+from snakeslam.runtime.robot.intake import FUTURE_NS, STALE_NS
+from snakeslam.runtime.robot.safety import FROZEN, FROZEN_NS, LOST, SERVER, SILENT_NS, SLAM, Safety
 
 LIMITS = JointLimits(position_rad=1.5, rate_rad_s=6.0, acceleration_rad_s2=40.0)
 MS = 1_000_000

@@ -17,10 +17,20 @@ from snakeslam.config import Config
 from snakeslam.geometry import se3, so3
 from snakeslam.messages import GroundTruth, MapChunk
 from snakeslam.robot.model import RobotSettings
-from snakeslam.runtime.live import TruthView
-from snakeslam.runtime.session import Session, start_session
-from snakeslam.runtime.spec import SessionSpec
-from snakeslam.runtime.topics import ControlPlayback, Ended, Features, Picture, Report, Shutdown, Started, Stop, Tick
+from snakeslam.runtime.bus.topics import (
+    ControlPlayback,
+    Ended,
+    Features,
+    Picture,
+    Report,
+    Shutdown,
+    Started,
+    Stop,
+    Tick,
+)
+from snakeslam.runtime.session.recording import Session, start_session
+from snakeslam.runtime.session.spec import SessionSpec
+from snakeslam.runtime.view.live import TruthView
 from tests.small_recordings import write_robot
 
 Kind = TypeVar("Kind")

@@ -16,10 +16,10 @@ import pytest
 
 from snakeslam.cli import main as cli
 from snakeslam.errors import InputError, SnakeslamError
-from snakeslam.runtime.bus import Bus
-from snakeslam.runtime.link import Link, unix_endpoint
-from snakeslam.runtime.node import Life, spawn
-from snakeslam.runtime.socket_path import LONGEST
+from snakeslam.runtime.bus.bus import Bus
+from snakeslam.runtime.bus.link import Link, unix_endpoint
+from snakeslam.runtime.bus.socket_path import LONGEST
+from snakeslam.runtime.process.node import Life, spawn
 
 STARTERS = 3
 

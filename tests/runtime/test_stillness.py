@@ -7,7 +7,7 @@ import pytest
 
 from snakeslam.geometry import so3
 from snakeslam.messages import Float, Health, ImuSample, PoseEstimate, Verdict
-from snakeslam.runtime.stillness import HeadStillness
+from snakeslam.runtime.view.stillness import HeadStillness
 from snakeslam.studies.metrics import head_motion
 from snakeslam.studies.trajectories import Trajectory
 

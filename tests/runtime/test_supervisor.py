@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from snakeslam.errors import InputError
-from snakeslam.runtime.node import Child, Life, spawn
-from snakeslam.runtime.supervisor import LONGEST_S, TRIES, Supervisor, backoff_s
+from snakeslam.runtime.process.node import Child, Life, spawn
+from snakeslam.runtime.process.supervisor import LONGEST_S, TRIES, Supervisor, backoff_s
 
 
 def live_on(life: Life) -> None:

@@ -20,7 +20,7 @@ from server.edge import MOST_CONNECTIONS, Place, Places
 from server.sockets import LIMITS, TOO_MANY
 from server.viewer_proxy import SUBPROTOCOL
 from snakeslam.errors import InputError
-from snakeslam.runtime.logs import BURST, Repeats
+from snakeslam.runtime.process.logs import BURST, Repeats
 from tests.server.running import START_S, TOKEN, VIEWER_TOKEN, Running, is_ready, start, wait_for
 
 WRONG, THREADS = 12, 6

@@ -14,9 +14,7 @@ from server.live import Live
 from server.problem import Problem
 from snakeslam.config import Config
 from snakeslam.messages import HeadCommand, Health, Verdict
-from snakeslam.runtime.pipe_host import PipeHost
-from snakeslam.runtime.spec import SessionSpec
-from snakeslam.runtime.topics import (
+from snakeslam.runtime.bus.topics import (
     Command,
     EStop,
     HeadMotion,
@@ -29,6 +27,8 @@ from snakeslam.runtime.topics import (
     Started,
     Tick,
 )
+from snakeslam.runtime.session.pipe_host import PipeHost
+from snakeslam.runtime.session.spec import SessionSpec
 
 TICK = Tick(
     t_ns=0,

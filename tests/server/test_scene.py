@@ -17,7 +17,7 @@ from server.viewer import MAX_PATH_POINTS, Scene, capsule_mesh, path_segments
 from server.viewer_host import start_viser, stop_viser
 from snakeslam.config import Config
 from snakeslam.messages import Health, MapChunk, Verdict
-from snakeslam.runtime.topics import HeadMotion, Picture, RobotShape, Started, Tick
+from snakeslam.runtime.bus.topics import HeadMotion, Picture, RobotShape, Started, Tick
 
 STARTED = Started(0, "vio", RobotShape("orthogonal24", 24, 0.096, 0.032), np.eye(4), 1.0, 4 / 3, None)
 TICK = Tick(

@@ -1,0 +1,1 @@
+"""Corners found in an image and tracked from frame to frame."""

@@ -1,0 +1,1 @@
+"""What the camera and a stationary head measure of the state, each with its residual and Jacobian."""

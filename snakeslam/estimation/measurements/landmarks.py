@@ -1,0 +1,96 @@
+"""Landmarks of the state seen from the newest clone, as a measurement on both."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from snakeslam.estimation.filter.gating import Innovation
+from snakeslam.estimation.filter.ieskf import Information
+from snakeslam.estimation.filter.state import LANDMARK, State
+from snakeslam.estimation.measurements.camera import (
+    CameraRows,
+    Observations,
+    Poses,
+    all_jacobians,
+    residuals,
+    robust_scale,
+)
+from snakeslam.messages import Float
+
+
+@dataclass(slots=True)
+class Sightings:
+    """Landmarks ``index`` (L,) seen from the newest clone at ``observed``, whose arrays are (L, 1, 3)."""
+
+    index: NDArray[np.int64]
+    observed: Observations
+    rows: CameraRows
+    _scale: Float = field(default_factory=lambda: np.empty(0))
+    _first: tuple[NDArray[np.int64], Float] | None = None
+    """What ``_rows_of_state`` found: first estimates do not change within a frame."""
+
+    def __len__(self) -> int:
+        return len(self.index)
+
+    def pick(self, chosen: NDArray[np.bool_]) -> "Sightings":
+        """Return some of them."""
+        picked = Sightings(self.index[chosen], self.observed.pick(chosen), self.rows)
+        if self._first is not None:
+            at, H = self._first
+            picked._first = at[chosen], H[chosen]
+        return picked
+
+    def _residuals(self, state: State) -> Float:
+        newest = Poses.of(state).pick(len(state.clones) - 1)
+        return residuals(state.landmarks.p_W[self.index], newest, self.observed, self.rows)[:, 0]
+
+    def _rows_of_state(self, state: State) -> tuple[NDArray[np.int64], Float]:
+        """Return where the errors stand of pose, camera and landmark (L, k), and the Jacobian along them, (L, 3, k)."""
+        if self._first is not None:
+            return self._first
+        newest = len(state.clones) - 1
+        first = Poses.first_of(state).pick(newest)
+        Hx, Hf, Hc = all_jacobians(state.landmarks.p_fej[self.index], first, self.observed, self.rows)
+        pose = np.r_[state.camera_place, state.clone_slice(newest)]
+        at = np.hstack([np.broadcast_to(pose, (len(self.index), len(pose))), state.landmark_rows(self.index)])
+        self._first = at, np.concatenate([Hc[:, 0], Hx[:, 0], Hf[:, 0]], axis=-1)
+        return self._first
+
+    def innovation(self, state: State) -> Innovation:
+        """Return how far each is from what the state foresees, S = H P H^T + I."""
+        at, H = self._rows_of_state(state)
+        P = state.cov[at[:, :, None], at[:, None, :]]
+        return Innovation.of(self._residuals(state), H @ P @ np.swapaxes(H, 1, 2), self.observed.row_counts)
+
+    def linearise(self, state: State, total: Information) -> None:
+        """Add the rows to ``total``."""
+        r = self._residuals(state)
+        self._scale = robust_scale(r)
+        at, H = self._rows_of_state(state)
+        r, H = r * self._scale, H * self._scale[..., None]
+        H_T = np.swapaxes(H, 1, 2)
+        blocks, gradient = H_T @ H, (H_T @ r[..., None])[..., 0]
+        shared, owned = slice(0, at.shape[1] - LANDMARK), slice(at.shape[1] - LANDMARK, None)
+        pose, own = at[0, shared], at[:, owned]
+        total.L[pose[:, None], pose] += blocks[:, shared, shared].sum(axis=0)
+        total.L[pose[None, :, None], own[:, None, :]] += blocks[:, shared, owned]
+        total.L[own[:, :, None], pose[None, None, :]] += blocks[:, owned, shared]
+        total.L[own[:, :, None], own[:, None, :]] += blocks[:, owned, owned]
+        total.gradient[pose] += gradient[:, shared].sum(axis=0)
+        total.gradient[own] += gradient[:, owned]
+        total.cost += float(np.sum(r * r))
+
+    def cost(self, state: State) -> float:
+        """Return the cost."""
+        r = self._residuals(state) * self._scale
+        return float(np.sum(r * r))
+
+    def follow(self, step: Float) -> Float:
+        """Nothing of its own moves."""
+        del step
+        return np.empty(0)
+
+    def go_back(self, kept: Float) -> None:
+        """Nothing of its own has moved."""
+        del kept

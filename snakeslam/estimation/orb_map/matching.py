@@ -1,0 +1,180 @@
+"""Which map points a picture shows, and the pose that they give."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from snakeslam.estimation.imaging.camera import PinholeCamera
+from snakeslam.estimation.imaging.depth_sampling import sample_depth
+from snakeslam.estimation.orb_map.keyframe_map import VisualMap
+from snakeslam.estimation.orb_map.orb import Matches, OrbExtractor, OrbFeatures, best_pairs, hamming
+from snakeslam.estimation.orb_map.pnp import MIN_Z_M, PoseFit, Sightings, ransac_pose, refine_pose
+from snakeslam.estimation.settings import NoiseSettings
+from snakeslam.estimation.visual.settings import VisualSettings
+from snakeslam.messages import CameraFrame, Float
+
+REFERENCE_FOCAL_PX = 500.0
+RANSAC_THRESHOLD_PX = 4.0
+MARGIN = 0.1
+UNKNOWN_EXPOSURE_S = 0.01
+BLUR_TO_SIGMA = 0.3
+RECENT_FRAMES = 3
+MIN_RECENT = 100
+OLD_FRAMES = 10
+CONSENSUS_SHARE = 0.15
+NOTHING = Matches(np.empty(0, np.int64), np.empty(0, np.int64))
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """What one frame shows: features, ``xyz`` (N, 3) normalised x, y and depth in m (0 = unknown), 1/sigma (N, 3)."""
+
+    features: OrbFeatures
+    xyz: Float
+    weights: Float
+
+    def __len__(self) -> int:
+        return len(self.xyz)
+
+    @property
+    def has_depth(self) -> NDArray[np.bool_]:
+        """Which features have a depth that is trusted (N,)."""
+        return np.asarray(self.weights[:, 2] > 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Match:
+    """Pairs of map points and features (M,), their pixels and ids; the pose they give; points it should show (V,)."""
+
+    point: NDArray[np.int64]
+    feature: NDArray[np.int64]
+    px: NDArray[np.float32]
+    ids: NDArray[np.int64]
+    visible: NDArray[np.int64]
+    fit: PoseFit
+
+    @property
+    def agreeing(self) -> int:
+        """Pairs that agree with the pose."""
+        return int(np.count_nonzero(self.fit.inliers))
+
+
+def look(frame: CameraFrame, orb: OrbExtractor, camera: PinholeCamera, noise: NoiseSettings, rate_rad_s: float) -> View:
+    """Return a frame's features with depth and noise; blur from a turn of ``rate_rad_s`` widens the noise."""
+    features = orb.extract(frame.gray)
+    features = features.pick(camera.usable_at(features.px))
+    z = sample_depth(frame.depth_m, features.px)
+    z = np.where((z >= noise.depth_min_m) & (z <= noise.depth_max_m), z, 0.0)
+    blur_px = rate_rad_s * camera.focal_px * (frame.exposure_ns / 1e9 or UNKNOWN_EXPOSURE_S)
+    sigma_px = np.hypot(noise.pixel_px * features.scale, BLUR_TO_SIGMA * blur_px)
+    w_xy = camera.focal_px / sigma_px
+    sigma_z = noise.depth_offset_m + noise.depth_square_per_m * z**2
+    weights = np.stack([w_xy, w_xy, np.where(z > 0.0, 1.0 / sigma_z, 0.0)], axis=-1)
+    return View(features, np.column_stack([camera.normalise(features.px), z]), weights)
+
+
+def _extremes(px: Float) -> Float:
+    """Return the pixels of (N, 2) that lie outermost along the axes and the diagonals, (8, 2)."""
+    along = px @ np.array([[1.0, 0.0, 1.0, 1.0], [0.0, 1.0, 1.0, -1.0]])
+    return px[np.concatenate([along.argmin(axis=0), along.argmax(axis=0)])]
+
+
+class Matcher:
+    """Matches features with the map, near a predicted pose or anywhere."""
+
+    def __init__(self, settings: VisualSettings, camera: PinholeCamera, seed: int) -> None:
+        self._settings = settings
+        self._camera = camera
+        self._seed = seed
+        row, column = np.nonzero(camera.usable)
+        limits = camera.normalise(_extremes(np.column_stack([column, row]).astype(np.float64)))
+        self._low, self._high = limits.min(axis=0) - MARGIN, limits.max(axis=0) + MARGIN
+
+    def near(self, view: View, known: VisualMap, T_WC: Float) -> Match | None:
+        """Return the match around a predicted pose: a wide search for what was just seen, then a close one for all."""
+        recent = np.flatnonzero(known.points.age <= RECENT_FRAMES)
+        among = self._visible(known, T_WC, recent if len(recent) >= MIN_RECENT else None)
+        wide = self._search(view, known, T_WC, among, self._settings.search_px)
+        start = self._consensus(view, known, wide, T_WC)
+        return None if start is None else self._closely(view, known, start)
+
+    def anywhere(self, view: View, known: VisualMap) -> Match | None:
+        """Return the match of a picture whose pose is not known, by its descriptors alone."""
+        start = self._consensus(view, known, self._all_pairs(view, known), None)
+        return None if start is None else self._closely(view, known, start)
+
+    def seen_before(self, view: View, known: VisualMap, T_WC: Float) -> Matches:
+        """Return the agreeing pairs with points that were out of sight for some time, even if the map drifted since."""
+        old = self._visible(known, T_WC, np.flatnonzero(known.points.age > OLD_FRAMES))
+        pairs = self._search(view, known, T_WC, old, self._settings.search_px)
+        start = self._consensus(view, known, pairs, T_WC)
+        match = None if start is None else self._closely(view, known, start, old)
+        if match is None or match.agreeing < self._settings.relocalise_inliers:
+            return NOTHING
+        return Matches(match.point[match.fit.inliers], match.feature[match.fit.inliers])
+
+    def _closely(
+        self, view: View, known: VisualMap, T_WC: Float, among: NDArray[np.int64] | None = None
+    ) -> Match | None:
+        visible = self._visible(known, T_WC, among)
+        pairs = self._search(view, known, T_WC, visible, self._settings.refine_px)
+        fit = refine_pose(T_WC, _sightings(view, known, pairs))
+        if fit is None:
+            return None
+        px, ids = view.features.px[pairs.feature], known.points.ids[pairs.point]
+        return Match(pairs.point, pairs.feature, px, ids, visible, fit)
+
+    def _consensus(self, view: View, known: VisualMap, pairs: Matches, T_WC: Float | None) -> Float | None:
+        """Return the pose that most pairs agree with: from the prediction where that serves, else by RANSAC."""
+        seen = _sightings(view, known, pairs)
+        if T_WC is not None:
+            fit = refine_pose(T_WC, seen)
+            if fit is not None and np.count_nonzero(fit.inliers) >= max(MIN_RECENT, len(pairs) // 2):
+                return fit.T_WC
+        start = ransac_pose(seen, self._camera.focal_px, RANSAC_THRESHOLD_PX, self._seed)
+        fit = None if start is None else refine_pose(start, seen)
+        # A close search around any pose finds pairs that agree with it: the pose must have its own before.
+        least = max(self._settings.min_inliers, CONSENSUS_SHARE * len(pairs))
+        return None if fit is None or np.count_nonzero(fit.inliers) < least else fit.T_WC
+
+    def _visible(self, known: VisualMap, T_WC: Float, among: NDArray[np.int64] | None) -> NDArray[np.int64]:
+        """Return which points, of those in ``among`` or all, the pose puts into the picture."""
+        points_W = known.points.points_W if among is None else known.points.points_W[among]
+        q = (points_W - T_WC[:3, 3]) @ T_WC[:3, :3]
+        xy = q[:, :2] / np.maximum(q[:, 2:], MIN_Z_M)
+        inside = np.flatnonzero((q[:, 2] > MIN_Z_M) & np.all((xy > self._low) & (xy < self._high), axis=-1))
+        return inside if among is None else among[inside]
+
+    def _search(
+        self, view: View, known: VisualMap, T_WC: Float, points: NDArray[np.int64], radius_px: float
+    ) -> Matches:
+        """Match each of the points with the features around the place where the pose puts it."""
+        if not len(points) or not len(view):
+            return NOTHING
+        q = (known.points.points_W[points] - T_WC[:3, 3]) @ T_WC[:3, :3]
+        xy = q[:, :2] / np.maximum(q[:, 2:], MIN_Z_M)
+        near = cKDTree(xy).sparse_distance_matrix(
+            cKDTree(view.xyz[:, :2]), radius_px / REFERENCE_FOCAL_PX, output_type="ndarray"
+        )
+        rows, columns = points[near["i"]], near["j"]
+        looks, seen = known.points.descriptors[rows], view.features.descriptors[columns]
+        bits = hamming(looks, seen[:, None]).min(axis=-1)
+        return best_pairs(rows, columns, bits, self._settings.max_hamming, self._settings.match_ratio)
+
+    def _all_pairs(self, view: View, known: VisualMap) -> Matches:
+        """Match every feature with every map point by its first look."""
+        if not len(view) or known.points.count < 2:
+            return NOTHING
+        looks = np.ascontiguousarray(known.points.descriptors[:, 0]).view(np.uint8)
+        pairs = cv2.BFMatcher(cv2.NORM_HAMMING).knnMatch(view.features.descriptors.view(np.uint8), looks, k=2)
+        limit, ratio = self._settings.max_hamming, self._settings.match_ratio
+        clear = [a for a, b in pairs if a.distance <= limit and a.distance <= ratio * b.distance]
+        point, feature = np.array([[m.trainIdx, m.queryIdx] for m in clear], dtype=np.int64).reshape(-1, 2).T
+        return Matches(point, feature)
+
+
+def _sightings(view: View, known: VisualMap, pairs: Matches) -> Sightings:
+    return Sightings(known.points.points_W[pairs.point], view.xyz[pairs.feature], view.weights[pairs.feature])

@@ -1,0 +1,118 @@
+"""From measured joints to the motion of the robot in the plane, by the paper's models; no command is needed.
+
+V is the virtual chassis: its origin the centre of mass, its x axis the mean heading of the links, level.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from snakeslam.estimation.planar.models import Rods, Twist, fan_rolling_speed, paper_rolling_speed, wheel_speed
+from snakeslam.geometry import se3, so3
+from snakeslam.messages import Float
+from snakeslam.robot.kinematics import link_poses_from_imu
+from snakeslam.robot.model import SnakeModel
+
+FLAT_RAD = 0.05
+FLAT_RAD_S = 0.12
+LIFTED_RAD = 0.17
+LEAST_ARC_RAD = 0.03
+ARC_SPREAD = 0.3
+RollingModel = Literal["fan", "paper"]
+
+
+@dataclass(frozen=True, slots=True)
+class Shape:
+    """The head seen from the chassis: ``r_V`` (2,) m of the IMU, ``yaw_rad`` of the IMU against the mean heading."""
+
+    r_V: Float
+    yaw_rad: float
+
+
+class GaitMotion:
+    """The motion models of one robot."""
+
+    def __init__(self, model: SnakeModel, friction_ratio: float, rolling: RollingModel) -> None:
+        self._model, self._ratio, self._rolling = model, friction_ratio, rolling
+        self._rods = Rods(model.link_count, model.joint_length_m / 2.0)
+        self._is_yaw = np.asarray(model.is_yaw)
+        body = np.arange(model.joint_count) < model.head_raise_joints[0] - 1
+        self._yaw, self._pitch = body & self._is_yaw, body & ~self._is_yaw
+
+    def twist_V(self, q_rad: Float, dq_rad_s: Float) -> Twist | None:
+        """Return the motion of the chassis for joints (N,), in V; None in a gait for which the paper has no model."""
+        if self._winds(q_rad, dq_rad_s):
+            return self._winding(q_rad, dq_rad_s)
+        return self._rolling_twist(q_rad, dq_rad_s) if self._is_arc(q_rad) else None
+
+    def shape(self, q_rad: Float, R_WI: Float) -> Shape:
+        """Return where the head is on the body, for joints (N,) and the attitude of the IMU (its yaw has no effect)."""
+        R_level = so3.from_yaw(-so3.yaw(R_WI)) @ R_WI
+        Ts = link_poses_from_imu(self._model, q_rad, se3.from_rt(R_level, np.zeros(3)))
+        com = se3.act(Ts, self._model.com_L)[:, :2].mean(axis=0)
+        # Unwrapped from the head, whose heading here is about 0.
+        headings = np.unwrap(so3.yaw(Ts[::-1, :3, :3]))
+        mean = float(headings.mean())
+        return Shape(-rotation(-mean) @ com, -mean)
+
+    def level_attitude(self, q_rad: Float) -> Float:
+        """Return R_WI (3, 3), its yaw without meaning, of a body that lies flat with these joints."""
+        a, b = float(q_rad[self._yaw].mean()), float(q_rad[self._pitch].mean())
+        roll_rad = np.arctan2(-b, a) if self._is_arc(q_rad) else 0.0
+        Ts = link_poses_from_imu(self._model, q_rad, np.eye(4))
+        R_IM = Ts[self._model.link_count // 2, :3, :3]
+        return so3.exp(np.array([roll_rad, 0.0, 0.0])) @ R_IM.T
+
+    def _winds(self, q_rad: Float, dq_rad_s: Float) -> bool:
+        """Whether the body lies flat and stays so: standing, or serpentine."""
+        flat = np.max(np.abs(q_rad[self._pitch])) < FLAT_RAD
+        return bool(flat and np.max(np.abs(dq_rad_s[self._pitch])) < FLAT_RAD_S)
+
+    def _is_arc(self, q_rad: Float) -> bool:
+        """Whether all yaw joints are bent alike and all pitch joints too."""
+        yaw, pitch = q_rad[self._yaw], q_rad[self._pitch]
+        size = float(np.hypot(yaw.mean(), pitch.mean()))
+        return size > LEAST_ARC_RAD and max(float(yaw.std()), float(pitch.std())) < ARC_SPREAD * size
+
+    def _winding(self, q_rad: Float, dq_rad_s: Float) -> Twist:
+        """Eq. (31) closed by friction."""
+        yaw = np.where(self._is_yaw, q_rad, 0.0)
+        rates = np.where(self._is_yaw, dq_rad_s, 0.0)
+        theta, dtheta = (np.concatenate([[0.0], np.cumsum(x)]) for x in (yaw, rates))
+        load = self._load(q_rad)
+        return self._rods.twist(theta - theta.mean(), dtheta - dtheta.mean(), load, self._ratio)
+
+    def _load(self, q_rad: Float) -> Float:
+        """Return what each link carries, (N + 1,), in weights of a link.
+
+        Links in front of a raised pitch joint carry nothing. They rest on the last link before it, about which they
+        lift as many links behind it.
+        """
+        load = np.ones(self._model.link_count)
+        raised = np.flatnonzero(~self._is_yaw & (np.abs(q_rad) > LIFTED_RAD))
+        if raised.size:
+            last = int(raised[0])
+            lifted = len(load) - 1 - last
+            load[max(0, last - lifted) :] = 0.0
+            load[last] = len(load) - load.sum()
+        return load
+
+    def _rolling_twist(self, q_rad: Float, dq_rad_s: Float) -> Twist:
+        """Eq. (32)-(36): the phase is the direction of the bend in the body, positive rates roll to the right."""
+        a, b = float(q_rad[self._yaw].mean()), float(q_rad[self._pitch].mean())
+        da, db = float(dq_rad_s[self._yaw].mean()), float(dq_rad_s[self._pitch].mean())
+        amplitude = float(np.hypot(a, b))
+        omega = (b * da - a * db) / amplitude**2
+        model, phase = self._model, float(np.arctan2(a, b))
+        if self._rolling == "paper":
+            speed = paper_rolling_speed(omega, model.radius_m, model.joint_length_m, amplitude, phase)
+        else:
+            speed = fan_rolling_speed(omega, model.radius_m, model.joint_count, amplitude)
+        return Twist(np.array([0.0, -speed]), 0.0, abs(wheel_speed(omega, model.radius_m)))
+
+
+def rotation(angle_rad: float) -> Float:
+    """Return the rotation of the plane, (2, 2)."""
+    c, s = np.cos(angle_rad), np.sin(angle_rad)
+    return np.array([[c, -s], [s, c]])

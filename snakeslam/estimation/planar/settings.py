@@ -1,0 +1,33 @@
+"""Settings of the paper's planar filter and of its motion models."""
+
+from typing import Annotated
+
+from pydantic import Field
+
+from snakeslam.estimation.planar.motion import RollingModel
+from snakeslam.settings import Settings
+
+Positive = Annotated[float, Field(gt=0)]
+
+
+class PlanarSettings(Settings):
+    """The planar filter, Eq. (37)-(41); one sigma each."""
+
+    friction_ratio: Positive = 3.0
+    """Friction across the body over friction along it, as the serpentine model assumes it."""
+    rolling: RollingModel = "fan"
+    """Speed of arc rolling: paper is Eq. (35)-(36), fan the corrected form."""
+    slip_share: Positive = 0.2
+    """Error of the motion model's speed, as a part of the speed at which the joints move the links."""
+    still_m_s: Positive = 0.002
+    """The least error of that speed, also of a robot that stands."""
+    slip_time_s: Positive = 3.0
+    """Time over which these errors last."""
+    turn_arm_m: Positive = 0.5
+    """The error of the turn is that of the speed over this arm."""
+    unmodelled_m_s: Positive = 0.3
+    """Error of the speed in a gait for which the paper has no model."""
+    pose_m: Positive = 0.001
+    """Noise of the observed position from frame to frame; what drifts in it is not noise."""
+    pose_deg: Positive = 0.05
+    """Noise of the observed yaw from frame to frame."""

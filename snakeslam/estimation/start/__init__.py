@@ -1,0 +1,1 @@
+"""Initial states: from a stationary head, and from a moving one."""

@@ -1,0 +1,210 @@
+"""When the filter starts: from rest, or from motion once there is enough of it.
+
+Both integrate over the IMU: only frames count since which samples cover the time up to the newest one without a gap.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from snakeslam.estimation.filter.preintegration import ImuBuffer
+from snakeslam.estimation.frontend.tracking import FrontendFrame
+from snakeslam.estimation.frontend.tracks import TrackTable
+from snakeslam.estimation.settings import EstimatorSettings
+from snakeslam.estimation.start.moving import start_moving
+from snakeslam.estimation.start.plausibility import UNEXPLAINED, accelerometer_fault, gyro_fault, image_rotation
+from snakeslam.estimation.start.still import TREMOR_S, Stationary, start_still
+from snakeslam.estimation.vio.window import ENOUGH_WITH_DEPTH, Model, SlidingWindow
+from snakeslam.geometry.median import median
+from snakeslam.messages import Float
+
+AT_REST, IN_MOTION = "initialised at rest", "initialised in motion"
+STILL_PX, TREMOR_PX = 0.3, 3.0
+"""Most that the features of a stationary camera have moved (median): in the first frames, and within 0.45 s."""
+STILL_WINDOW_NS = 450_000_000
+MIN_COMMON = 10
+MOVING_START_NS = 700_000_000
+MOVING_START_DEPTH_NS = 300_000_000
+"""With depth the way need not be long enough to see points from two sides."""
+MOVING_MEMORY_NS = 1_500_000_000
+DOUBTS_AFTER_FRAMES, FRAMES_PER_DOUBT = 10, 5
+"""After so many frames in which a start in motion has failed, units and axes are judged, every so many frames."""
+MISSED_SAMPLES = 3.0
+"""So many sample periods without a sample are a gap, where that is longer than the settings' limit."""
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """One frame's features at its time on the IMU's clock."""
+
+    t_ns: int
+    features: FrontendFrame
+
+
+class Starter:
+    """Remembers the last frames until one of the two starts succeeds."""
+
+    def __init__(self, settings: EstimatorSettings, model: Model) -> None:
+        self._settings = settings
+        self._model = model
+        self._max_gap_s = max(settings.health.max_imu_gap_s, MISSED_SAMPLES / model.noise.update_rate)
+        self._history: list[Seen] = []
+        self._still_since = 0
+        """Index into the history: since that frame the image has not moved."""
+        self.bias_g: Float | None = None
+        """Mean gyro rate since the frame before, (3,) rad/s, where the image did not move: about the gyro's bias."""
+        self.fault: str | None = None
+        """What of the IMU or the extrinsics contradicts the image or gravity, in words."""
+        self._waited_frames = 0
+
+    @property
+    def waits_long(self) -> bool:
+        """Whether the start has failed for long: something may be wrong, and the gyro is no longer relied on."""
+        return self._waited_frames > DOUBTS_AFTER_FRAMES
+
+    def try_to_start(self, seen: Seen, imu: ImuBuffer) -> tuple[SlidingWindow, str] | None:
+        """Return a filter at the frame before its correction (from rest) or after it (from motion), and how."""
+        self._history.append(seen)
+        covered_ns = imu.covered_since_ns(seen.t_ns, self._max_gap_s)
+        if covered_ns is None:
+            self._forget_before(seen.t_ns + 1)
+        else:
+            # The first sample also serves for the few periods before it.
+            covered_ns -= round(MISSED_SAMPLES / self._model.noise.update_rate * 1e9)
+            self._forget_before(max(seen.t_ns - MOVING_MEMORY_NS, covered_ns))
+        if not self._history:
+            imu.forget_before(seen.t_ns - STILL_WINDOW_NS)
+            return None
+        imu.forget_before(self._history[0].t_ns - STILL_WINDOW_NS)
+        self._watch_image(imu)
+        if self._is_wrong(seen, imu):
+            return None
+        return self._from_rest(seen, imu) or self._from_motion(seen, imu)
+
+    def _is_wrong(self, seen: Seen, imu: ImuBuffer) -> bool:
+        """Judge units, signs and axes; return whether there can be no start with them."""
+        fault = accelerometer_fault(imu.recent(self._history[0].t_ns), self._settings.gravity_m_s2)
+        self._waited_frames += seen.t_ns - self._history[0].t_ns >= MOVING_START_NS
+        if fault is not None:
+            self.fault = fault
+        elif self._waited_frames > DOUBTS_AFTER_FRAMES and self._waited_frames % FRAMES_PER_DOUBT == 0:
+            self.fault = self._gyro_fault(imu) or self._sign_fault(imu)
+        elif self._waited_frames <= DOUBTS_AFTER_FRAMES:
+            self.fault = None
+        return fault is not None
+
+    def _gyro_fault(self, imu: ImuBuffer) -> str | None:
+        """Compare the gyro's rotation with the image's, over spans of the history."""
+        R_CI, history = self._model.rows.R_IC.T, self._history
+        stride = max(1, len(history) // 6)
+        by_image: list[Float] = []
+        by_gyro: list[Float] = []
+        spans_s: list[float] = []
+        for before, now in zip(history[::stride], history[stride::stride], strict=False):
+            a, b = before.features, now.features
+            _, then, at = np.intersect1d(a.ids, b.ids, assume_unique=True, return_indices=True)
+            turned = image_rotation(a.xy[then], b.xy[at])
+            span = imu.segments(before.t_ns, now.t_ns)
+            if turned is None or span is None:
+                continue
+            by_image.append(turned)
+            # The sum of w dt is about the rotation vector over a fraction of a second, and also holds in another unit.
+            by_gyro.append(R_CI @ (span.dt_s @ span.gyro_I))
+            spans_s.append(float(span.dt_s.sum()))
+        if not spans_s:
+            return None
+        return gyro_fault(np.array(by_image), np.array(by_gyro), R_CI, float(np.mean(spans_s)))
+
+    def _sign_fault(self, imu: ImuBuffer) -> str | None:
+        """Try the start in motion with the accelerometer's sign reversed."""
+        model, times = self._model, [past.t_ns for past in self._history]
+        gravity = self._settings.gravity_m_s2
+        state = start_moving(self._table(), times, imu, model.rows, model.noise, gravity, accel_sign=-1.0)
+        return None if state is None else "the image moves against the accelerometer: is its sign reversed?"
+
+    def _forget_before(self, t_ns: int) -> None:
+        kept = [s for s in self._history if s.t_ns >= t_ns]
+        self._still_since = max(0, self._still_since - (len(self._history) - len(kept)))
+        self._history = kept
+
+    def _watch_image(self, imu: ImuBuffer) -> None:
+        """Find since when the image has not moved, as it is seen: no rotation by the gyro is removed from it."""
+        self.bias_g = None
+        if len(self._history) < 2:
+            self._still_since = 0
+            return
+        last, before = self._history[-1], self._history[-2]
+        newest = len(self._history) - 1
+        pair_px = self._moved_px(before, last)
+        if pair_px is None or pair_px > TREMOR_PX:
+            self._still_since = newest
+            return
+        between = [s.gyro_I for s in imu.recent(before.t_ns) if s.t_ns <= last.t_ns]
+        self.bias_g = np.mean(between, axis=0) if between else None
+        while self._still_since < newest:
+            moved_px = self._moved_px(self._history[self._still_since], last)
+            long = last.t_ns - self._history[self._still_since].t_ns > STILL_WINDOW_NS
+            if not long and moved_px is not None and moved_px <= TREMOR_PX:
+                break
+            self._still_since += 1
+
+    def _moved_px(self, before: Seen, now: Seen) -> float | None:
+        """Return the median motion of the features that both frames have, None when they are too few."""
+        a, b = before.features, now.features
+        if b.frozen:
+            return 0.0
+        _, at, then = np.intersect1d(b.ids, a.ids, assume_unique=True, return_indices=True)
+        if len(at) < MIN_COMMON:
+            return None
+        step = b.xy[at] - a.xy[then]
+        return median(np.hypot(step[:, 0], step[:, 1])) * self._model.focal_px
+
+    def _from_rest(self, seen: Seen, imu: ImuBuffer) -> tuple[SlidingWindow, str] | None:
+        since = self._history[self._still_since]
+        moved_px = self._moved_px(since, seen)
+        age_s = (seen.t_ns - since.t_ns) / 1e9
+        if since is seen or moved_px is None or (moved_px > STILL_PX and age_s < TREMOR_S):
+            return None
+        recent = [s for s in imu.recent(since.t_ns) if s.t_ns <= seen.t_ns]
+        stationary = Stationary(age_s, moved_px / self._model.focal_px)
+        state = start_still(recent, seen.t_ns, self._settings.gravity_m_s2, self._model.noise, stationary)
+        return None if state is None else (SlidingWindow(state, self._settings, self._model), AT_REST)
+
+    def _may_be_stationary(self, seen: Seen) -> bool:
+        """Return whether the image has moved by noise or a tremor at most, but not yet for long enough to tell.
+
+        With depth a start in motion takes less time than that, and would find a motion in the noise.
+        """
+        since = self._history[self._still_since]
+        return self._still_since == 0 and seen.t_ns - since.t_ns < TREMOR_S * 1e9
+
+    def _from_motion(self, seen: Seen, imu: ImuBuffer) -> tuple[SlidingWindow, str] | None:
+        if self.waits_long and self._waited_frames % FRAMES_PER_DOUBT:
+            # A search that has failed so often, and takes longest when it fails, is not repeated in each frame.
+            return None
+        if self._may_be_stationary(seen):
+            return None
+        with_depth = np.count_nonzero(seen.features.depth_m > 0.0) >= ENOUGH_WITH_DEPTH
+        if seen.t_ns - self._history[0].t_ns < (MOVING_START_DEPTH_NS if with_depth else MOVING_START_NS):
+            return None
+        times = [past.t_ns for past in self._history]
+        model = self._model
+        state = start_moving(self._table(), times, imu, model.rows, model.noise, self._settings.gravity_m_s2)
+        if state is None:
+            return None
+        fault = self._gyro_fault(imu)
+        if fault is not None and fault != UNEXPLAINED:
+            # Slow rotations about wrong axes pass for a bias of the gyro.
+            self.fault = fault
+            return None
+        window = SlidingWindow(state, self._settings, model)
+        for past in self._history[:-1]:
+            window.propagate(imu.segments(window.state.t_ns, past.t_ns), past.t_ns, 0.0)
+            window.correct(past.features)
+        return window, IN_MOTION
+
+    def _table(self) -> TrackTable:
+        tracks = TrackTable()
+        for past in self._history:
+            tracks.observe(past.features.ids, past.features.xy, past.features.depth_m, past.features.smear)
+        return tracks

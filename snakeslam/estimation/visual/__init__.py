@@ -1,0 +1,1 @@
+"""estimator.mode = visual: ORB odometry on RGB-D frames, without IMU."""

@@ -1,0 +1,1 @@
+"""Messages between the processes: topics, wire format, transport."""

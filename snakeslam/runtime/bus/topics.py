@@ -1,0 +1,360 @@
+"""What a live session and its host say to each other, and the table of what goes over the bus.
+
+Commands go to the session, reports come back; both are frozen. Times are those of the backend.
+"""
+
+from dataclasses import dataclass
+from typing import Generic, Literal, TypeVar
+
+from snakeslam.head.settings import HeadSettings
+from snakeslam.messages import CameraFrame, Float, GaitCommand, HeadCommand, Health, MapChunk
+from snakeslam.runtime.bus.wire import Beat, Estimate, Exposure, Hello, Order, Sensors
+from snakeslam.runtime.robot.governor import Governed
+
+
+@dataclass(frozen=True, slots=True)
+class SetGait:
+    """Change the gait or its parameters; ``drive`` of ``gait`` is ignored: only Start and Stop set things moving."""
+
+    gait: GaitCommand
+
+
+@dataclass(frozen=True, slots=True)
+class SetHead:
+    """Change the head's controller or its neck, or turn its reference line."""
+
+    head: HeadCommand
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """Move."""
+
+
+@dataclass(frozen=True, slots=True)
+class BackUp:
+    """Play the gait backwards for ``safety.back_up_s``, blind or not, then come to rest."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stop:
+    """Come to rest."""
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """The operator's hand: move at ``drive`` of the gait's pace and ``turn``, both in [-1, 1], while it is repeated.
+
+    Without another within ``driving.SILENT_NS`` the robot is held; 0 lets go. ``hand`` names the input among those of
+    its sender, ``begins`` says that it was let go before: a press that was refused, or ended by a hold, does not move
+    the robot again until it is let go (``driving``).
+    """
+
+    drive: float
+    turn: float = 0.0
+    hand: str = ""
+    begins: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class EStop:
+    """Latch the emergency stop and hold."""
+
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class ResetEStop:
+    """Clear the latch; never moves the robot."""
+
+
+@dataclass(frozen=True, slots=True)
+class ControlPlayback:
+    """Change how a recording plays; what is None stays as it is.
+
+    ``speed`` is a multiple of real time, ``position_s`` counts from the first frame, ``step`` moves by so many frames
+    (negative: back) and pauses.
+    """
+
+    paused: bool | None = None
+    speed: float | None = None
+    position_s: float | None = None
+    step: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Shutdown:
+    """End the session."""
+
+
+Command = SetGait | SetHead | Start | BackUp | Stop | Drive | EStop | ResetEStop | ControlPlayback | Shutdown
+
+
+@dataclass(frozen=True, slots=True)
+class RobotShape:
+    """What is needed to draw the robot."""
+
+    model: str
+    joint_count: int
+    joint_length_m: float
+    radius_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Started:
+    """The session is built and runs; ``fov_y_rad``, ``aspect`` and ``T_IC`` (4, 4) are the camera's."""
+
+    t_start_ns: int
+    estimator_mode: str
+    robot: RobotShape | None
+    T_IC: Float
+    fov_y_rad: float
+    aspect: float
+    gait: GaitCommand | None
+
+
+@dataclass(frozen=True, slots=True)
+class HeadMotion:
+    """How still the head is, over the last period of the gait (``window_s``); None where it is not known.
+
+    ``heading_deg`` is the mean heading in the estimate's world, ``yaw_deg`` the head's deviation from it now and
+    ``yaw_rms_deg`` over the period; ``sway_m`` is the motion across the way, peak to peak.
+    """
+
+    yaw_deg: float | None = None
+    yaw_rms_deg: float | None = None
+    yaw_rate_deg_s: float | None = None
+    peak_yaw_rate_deg_s: float | None = None
+    sway_m: float | None = None
+    heading_deg: float | None = None
+    window_s: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Refusal:
+    """Why the session did not do the command of this number (counted as in ``Tick.commands_done``)."""
+
+    number: int
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """How far the robot is with a sender's commands: ``done`` is the number of the last one it took."""
+
+    sender: str
+    done: int
+    refusals: tuple[Refusal, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class RobotState:
+    """What the robot node says of itself; ``period_s`` is the gait's, ``held_because`` why it is held until a start.
+
+    ``governed`` is the pace that the governor allows, None where it is off. ``back_up_offered``: it was stopped because
+    it saw nothing, and may be backed up.
+    """
+
+    boot: str
+    stamp_ns: int
+    t_start_ns: int
+    t_ns: int
+    moving: bool
+    estop_reason: str | None
+    held_because: str | None
+    gait: GaitCommand | None
+    head_settings: HeadSettings | None
+    notice: str | None
+    period_s: float | None
+    realtime_factor: float | None
+    q_target_rad: Float | None
+    q_measured_rad: Float | None
+    governed: Governed | None = None
+    answers: tuple[Answer, ...] = ()
+    back_up_offered: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class SlamState:
+    """What slam says of itself, for the boot of the robot whose sensors it has; members as in ``Tick``."""
+
+    boot: str
+    mode: str
+    health: Health
+    frame_rate_hz: float | None
+    T_WI: Float | None
+    Ts_WL: Float | None
+    T_WI_truth: Float | None
+    head: HeadMotion
+    error_m: float | None
+    distance_m: float | None
+    map_points: int
+
+
+@dataclass(frozen=True, slots=True)
+class PlaybackState:
+    """How a recording plays; times in seconds from its first frame.
+
+    ``computed_s`` is how far the estimator has come, ``seeking`` whether it is on its way to a requested frame,
+    ``seeks`` counts the jumps, so that curves over time are not drawn across one.
+    """
+
+    paused: bool
+    speed: float
+    position_s: float
+    computed_s: float
+    duration_s: float
+    seeking: bool
+    at_end: bool
+    seeks: int
+
+
+@dataclass(frozen=True, slots=True)
+class Tick:
+    """The newest state, at most 20 times a second; ``commands_done`` counts the commands taken so far.
+
+    ``T_WI`` (4, 4) is the estimate, ``Ts_WL`` (N + 1, 4, 4) the links that hang on it, ``T_WI_truth`` the truth brought
+    to the estimate's first pose by yaw and translation, ``error_m`` the distance of the two. ``head`` is how still the
+    head is, ``head_settings`` how it is held, ``notice`` what the operator should know of the gait, ``refusals`` the
+    last commands that were not obeyed, ``governed`` the pace that the governor allows, None where it is off,
+    ``held_because`` why the robot is held until somebody starts it again, ``back_up_offered`` whether it was stopped
+    because it saw nothing, and may be backed up, ``playback`` how a recording
+    plays, None for a robot.
+    """
+
+    t_ns: int
+    commands_done: int
+    moving: bool
+    estop_reason: str | None
+    gait: GaitCommand | None
+    health: Health
+    realtime_factor: float | None
+    frame_rate_hz: float | None
+    q_target_rad: Float | None
+    q_measured_rad: Float | None
+    T_WI: Float | None
+    Ts_WL: Float | None
+    T_WI_truth: Float | None
+    head: HeadMotion
+    error_m: float | None
+    distance_m: float | None
+    map_points: int
+    head_settings: HeadSettings | None = None
+    notice: str | None = None
+    refusals: tuple[Refusal, ...] = ()
+    governed: Governed | None = None
+    held_because: str | None = None
+    back_up_offered: bool = False
+    playback: PlaybackState | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """One camera frame as JPEG."""
+
+    t_ns: int
+    seq: int
+    width: int
+    height: int
+    jpeg: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class Features:
+    """The features followed into frame ``seq``: rows of (x_px, y_px, inlier 0 or 1, id).
+
+    ``roll_rad`` is how far the camera was rolled about its view, clockwise as it sees itself, None where not known.
+    """
+
+    t_ns: int
+    seq: int
+    tracks: tuple[tuple[float, float, int, int], ...]
+    roll_rad: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """Words for the timeline; ``level`` is info, warning or error."""
+
+    t_ns: int
+    level: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Opening:
+    """Another source is being opened: nothing that was shown before belongs to it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Restarting:
+    """The robot node has died and is started anew: a new session begins with the next ``Started``."""
+
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Silence:
+    """The robot node has not been heard for a while, and why that may be; None when it is heard again."""
+
+    reason: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class Ended:
+    """The session is over: a recording's end, a wish, or (``error``) a failure in one line."""
+
+    error: str | None
+
+
+Report = Opening | Started | Tick | Picture | Features | MapChunk | Event | Restarting | Silence | Ended
+
+T_co = TypeVar("T_co", covariant=True)
+Policy = Literal["lossless", "newest", "urgent"]
+BULKY_BYTES, SMALL_BYTES = 1 << 26, 1 << 22
+"""64 MB is a colour image with depth of 9 megapixels; 4 MB the largest JPEG."""
+
+
+@dataclass(frozen=True, slots=True)
+class Topic(Generic[T_co]):
+    """One row of the table: who misses a message of policy ``newest`` has the next; ``urgent`` overtakes everything.
+
+    What is ``bulky`` goes behind all else, and waits for the link instead of being dropped on it.
+    """
+
+    name: str
+    type: type[T_co]
+    rate_hz: float | None
+    """None: whenever there is something to say."""
+    policy: Policy
+    recorded: bool = False
+    bulky: bool = False
+
+    @property
+    def most_bytes(self) -> int:
+        """What a message may have at most; a larger one is dropped unread."""
+        return BULKY_BYTES if self.bulky else SMALL_BYTES
+
+
+ESTOP = Topic("robot/estop", Order, None, "urgent", recorded=True)
+ORDERS = Topic("robot/orders", Order, None, "lossless", recorded=True)
+HELLO = Topic("robot/hello", Hello, 5.0, "newest", recorded=True)
+SENSORS = Topic("robot/sensors", Sensors, 100.0, "lossless", recorded=True)
+ROBOT_STATE = Topic("robot/state", RobotState, 20.0, "newest")
+ROBOT_EVENTS = Topic("robot/events", Event, None, "lossless", recorded=True)
+EXPOSURES = Topic("camera/exposures", Exposure, 20.0, "newest")
+CAMERA_READY = Topic("camera/ready", Beat, 10.0, "newest")
+FRAMES = Topic("camera/frames", CameraFrame, 20.0, "newest", recorded=True, bulky=True)
+PICTURES = Topic("camera/pictures", Picture, 20.0, "newest")
+SERVER_BEAT = Topic("server/beat", Beat, 20.0, "newest")
+SLAM_BEAT = Topic("slam/beat", Beat, 20.0, "newest")
+ESTIMATES = Topic("slam/estimates", Estimate, 20.0, "newest", recorded=True)
+SLAM_STATE = Topic("slam/state", SlamState, 20.0, "newest")
+FEATURES = Topic("slam/features", Features, 20.0, "newest")
+CHUNKS = Topic("slam/chunks", MapChunk, None, "lossless", recorded=True, bulky=True)
+SLAM_EVENTS = Topic("slam/events", Event, None, "lossless", recorded=True)
+
+TOPICS = (
+    ESTOP, ORDERS, HELLO, SENSORS, ROBOT_STATE, ROBOT_EVENTS, EXPOSURES, CAMERA_READY, FRAMES,
+    PICTURES, SERVER_BEAT, SLAM_BEAT, ESTIMATES, SLAM_STATE, FEATURES, CHUNKS, SLAM_EVENTS,
+)  # fmt: skip

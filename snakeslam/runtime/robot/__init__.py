@@ -1,0 +1,1 @@
+"""The robot's controller and its safety: deadman, E-stop, limits, governor."""

@@ -1,0 +1,1 @@
+"""Sessions: a scripted run in lockstep, a recording, a live robot."""

@@ -1,0 +1,275 @@
+"""The server's end of a live session: starts its processes, keeps them alive, sends commands, hands on reports."""
+
+import threading
+from dataclasses import dataclass, field, replace
+from time import monotonic
+
+import structlog
+
+from snakeslam.calibration import SensorRig
+from snakeslam.claims import Claim, claim_temporary
+from snakeslam.errors import SnakeslamError
+from snakeslam.messages import MapChunk
+from snakeslam.robot.model import snake_model
+from snakeslam.runtime.bus.bus import Bus
+from snakeslam.runtime.bus.link import Link, unix_endpoint
+from snakeslam.runtime.bus.orders import Sender
+from snakeslam.runtime.bus.shapes import hello_sizes
+from snakeslam.runtime.bus.topics import (
+    CHUNKS,
+    ESTOP,
+    FEATURES,
+    HELLO,
+    ORDERS,
+    PICTURES,
+    ROBOT_EVENTS,
+    ROBOT_STATE,
+    SERVER_BEAT,
+    SLAM_EVENTS,
+    SLAM_STATE,
+    Command,
+    Ended,
+    EStop,
+    Event,
+    Report,
+    ResetEStop,
+    Restarting,
+    RobotState,
+    Silence,
+    SlamState,
+    Stop,
+)
+from snakeslam.runtime.bus.wire import Beat, Hello
+from snakeslam.runtime.nodes.robot import run_robot
+from snakeslam.runtime.nodes.slam import run_slam
+from snakeslam.runtime.process.clock import RobotClock
+from snakeslam.runtime.process.log_limit import LogLimit, error_words
+from snakeslam.runtime.process.node import Child, spawn
+from snakeslam.runtime.process.supervisor import Supervisor
+from snakeslam.runtime.session import compose
+from snakeslam.runtime.session.pipe_host import Host, PipeHost, Put
+from snakeslam.runtime.session.spec import SessionSpec
+
+BEAT_S = 0.05
+END_S = 2.0
+SILENT_S = 1.0
+SLOWEST_PULSE_S = 1.0
+
+_log = structlog.get_logger("host")
+SILENT_ROBOT, BACK = "the robot node is silent: nothing is known of the robot", "the robot node is heard again"
+
+
+def host_for(spec: SessionSpec) -> Host:
+    """Return the host of a session: a recording is one process, a robot is nodes on a bus."""
+    return PipeHost(spec) if spec.recording is not None else NodesHost(spec, spec.link)
+
+
+@dataclass(slots=True)
+class _Known:
+    """What has been heard of the robot that is there."""
+
+    hello: Hello | None = None
+    robot: RobotState | None = None
+    robot_s: float = 0.0
+    silent: bool = False
+    slam: SlamState | None = None
+    slam_s: float = 0.0
+    told: str | None = None
+    """The boot of which ``Started`` has been told."""
+    chunks: list[MapChunk] = field(default_factory=list)
+    """What slam has sent before that."""
+
+
+class NodesHost:
+    """Robot and slam as supervised processes on a bus; with ``link`` they run elsewhere and are only met."""
+
+    def __init__(self, spec: SessionSpec, link: Link | None = None) -> None:
+        self._spec, self._link = spec, link
+        self._folder: Claim | None = None
+        self._bus: Bus | None = None
+        self._supervisor: Supervisor | None = None
+        self._clock, self._sender = RobotClock(), Sender()
+        self._lock = threading.RLock()
+        self._known = _Known()
+        self._dead_boot: str | None = None
+        self._estop = spec.estop_reason
+        self._over = threading.Event()
+        self._threads: list[threading.Thread] = []
+        self._pulse_s = monotonic()
+        self._put: Put = lambda _: None
+
+    def start(self, put: Put) -> None:
+        """Start the nodes, or find them; what goes wrong is told as a report."""
+        self._put = put
+        link = self.link
+        if self._link is None:
+            self._supervisor = Supervisor(self._on_death)
+            self._supervisor.start("robot", self._start_robot)
+            self._supervisor.start("slam", lambda: spawn("snakeslam:slam", run_slam, self._spec.config, link))
+        self._threads = [
+            threading.Thread(target=self._meet, args=(link,), name="bus-meeting", daemon=True),
+            threading.Thread(target=self._beat_on, name="server-beat", daemon=True),
+        ]
+        for thread in self._threads:
+            thread.start()
+
+    def send(self, command: Command, made_s: float | None = None) -> int:
+        """Send a command to the robot node, stamped with the robot's time at ``made_s`` (monotonic, None: now)."""
+        with self._lock:
+            # Known before there is a bus: a robot node that is still being made gets it then.
+            if isinstance(command, EStop | ResetEStop):
+                self._estop = command.reason if isinstance(command, EStop) else None
+            bus, now_ns = self._bus, self._clock.now_ns()
+            if bus is None or (now_ns is None and not isinstance(command, EStop | Stop)):
+                raise BrokenPipeError("the robot has not been heard yet")
+            age_ns = 0 if made_s is None else round((monotonic() - made_s) * 1e9)
+            order = self._sender.order(command, (now_ns or 0) - age_ns)
+            bus.publish(ESTOP if isinstance(command, EStop) else ORDERS, order)
+            return order.number
+
+    def pulse(self) -> None:
+        """Say that the server's loop gets on."""
+        self._pulse_s = monotonic()
+
+    def stop(self) -> None:
+        """End the nodes that were started here."""
+        self._over.set()
+        for thread in self._threads:
+            thread.join(END_S)
+        if self._bus is not None:
+            self._bus.close()
+        if self._supervisor is not None:
+            self._supervisor.close()
+        if self._folder is not None:
+            self._folder.remove()
+
+    @property
+    def link(self) -> Link:
+        """Where the nodes meet."""
+        if self._link is not None:
+            return self._link
+        if self._folder is None:
+            self._folder = claim_temporary("snakeslam-bus-")
+        return Link(unix_endpoint(self._folder.path))
+
+    def _start_robot(self) -> Child:
+        spec = replace(self._spec, estop_reason=self._estop)
+        # Whatever it was doing, a robot node that is started again waits to be told.
+        self._spec = replace(spec, autostart=False)
+        return spawn("snakeslam:robot", run_robot, spec, replace(self.link, listens=True))
+
+    def _meet(self, link: Link) -> None:
+        try:
+            bus = Bus(link, timeout_s=float("inf"), wanted=lambda: not self._over.is_set())
+        except Exception as error:  # noqa: BLE001  (a thread that ends silently would leave the session starting)
+            if not self._over.is_set():
+                self._put(Ended(str(error) if isinstance(error, SnakeslamError) else error_words(error)))
+            return
+        bus.subscribe(HELLO, self._on_hello)
+        bus.subscribe(ROBOT_STATE, self._on_robot)
+        bus.subscribe(SLAM_STATE, self._on_slam)
+        for topic in (PICTURES, FEATURES, CHUNKS, ROBOT_EVENTS, SLAM_EVENTS):
+            bus.subscribe(topic, self._on_report)
+        self._bus = bus
+
+    def _beat_on(self) -> None:
+        limit = LogLimit()
+        while not self._over.wait(BEAT_S):
+            try:
+                self._beat()
+            except Exception as error:  # noqa: BLE001  (the next heartbeat may do)
+                if (left_out := limit.due("heartbeat")) is not None:
+                    _log.error("no heartbeat", reason=error_words(error), left_out=left_out)
+
+    def _beat(self) -> None:
+        self._judge_silence()
+        bus, now_ns = self._bus, self._clock.now_ns()
+        if bus is not None and now_ns is not None and monotonic() - self._pulse_s < SLOWEST_PULSE_S:
+            bus.publish(SERVER_BEAT, Beat(self._sender.name, now_ns))
+
+    def _judge_silence(self) -> None:
+        with self._lock:
+            known = self._known
+            silent = known.told is not None and monotonic() - known.robot_s > SILENT_S
+            if silent != known.silent:
+                known.silent = silent
+                t_ns = 0 if known.robot is None else known.robot.t_ns
+                self._put(Event(t_ns, "error" if silent else "info", SILENT_ROBOT if silent else BACK))
+                self._put(Silence(SILENT_ROBOT if silent else None))
+
+    def _on_hello(self, hello: Hello) -> None:
+        with self._lock:
+            if hello.boot == self._dead_boot:
+                return
+            if self._bus is not None:
+                self._bus.expect(hello_sizes(hello))
+            if self._known.hello is None or self._known.hello.boot != hello.boot:
+                if self._known.told is not None:
+                    self._put(Restarting("the robot node was started again"))
+                self._known = _Known(hello)
+                self._clock.restart()
+            self._tell_started()
+
+    def _on_robot(self, state: RobotState) -> None:
+        with self._lock:
+            known = self._known
+            if known.hello is None or state.boot != known.hello.boot:
+                return
+            self._clock.hear(state.stamp_ns)
+            if known.robot is None and self._estop is not None and state.estop_reason is None:
+                self.send(EStop(self._estop))  # Latched while this robot node was being made.
+            known.robot, known.robot_s = state, monotonic()
+            self._estop = self._estop or state.estop_reason
+            self._tell_started()
+            if known.told == state.boot:
+                alive = monotonic() - known.slam_s < SILENT_S
+                self._put(compose.tick(state, known.slam, self._sender.name, slam_alive=alive))
+
+    def _on_slam(self, state: SlamState) -> None:
+        with self._lock:
+            if self._known.hello is not None and state.boot == self._known.hello.boot:
+                self._known.slam, self._known.slam_s = state, monotonic()
+                self._tell_started()
+
+    def _on_report(self, report: Report) -> None:
+        with self._lock:
+            if self._known.told is None and isinstance(report, MapChunk):
+                self._known.chunks.append(report)
+            else:
+                self._put(report)
+
+    def _tell_started(self) -> None:
+        """Tell that the session runs, once both nodes do."""
+        known = self._known
+        if known.hello is None or known.robot is None or known.slam is None or known.told is not None:
+            return
+        known.told = known.hello.boot
+        model = None if known.hello.robot is None else snake_model(known.hello.robot)
+        rig: SensorRig = known.hello.rig
+        self._put(compose.started(known.robot.t_start_ns, known.slam.mode, rig, model, known.robot.gait))
+        for chunk in known.chunks:
+            self._put(chunk)
+        known.chunks.clear()
+
+    def _on_death(self, name: str, reason: str, final: bool) -> None:
+        with self._lock:
+            t_ns = 0 if self._known.robot is None else self._known.robot.t_ns
+            if final:
+                self._put(Ended(_last_words(name, reason)))
+                return
+            self._put(Event(t_ns, "error", f"{NAMES[name]}: {reason}; it is started again"))
+            if name == "robot":
+                self._dead_boot = None if self._known.hello is None else self._known.hello.boot
+                self._known = _Known()
+                self._clock.restart()
+                self._put(Restarting(f"{NAMES[name]}: {reason}"))
+
+
+NAMES = {"robot": "the robot node", "slam": "the slam node"}
+
+
+def _last_words(name: str, reason: str) -> str | None:
+    """Return what a final end is called; None where it was as planned."""
+    if not reason:
+        return None if name == "robot" else f"{NAMES[name]} has ended"
+    return f"{NAMES[name]}: {reason}" if reason.startswith("the process") else reason

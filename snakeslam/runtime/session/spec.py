@@ -1,0 +1,28 @@
+"""What a live session runs."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from snakeslam.backends.base import Backend
+from snakeslam.config import Config
+from snakeslam.estimation.settings import Mode
+from snakeslam.runtime.bus.link import Link
+
+
+@dataclass(frozen=True, slots=True)
+class SessionSpec:
+    """What a session runs: the simulator of ``config``, or the ``recording`` when there is one.
+
+    ``estimator_mode`` None takes the configured one, for a recording the one that its sensors allow. ``estop_reason``:
+    start latched; ``autostart``: set the gait going after ``run.rest_s``. ``build`` makes the backend, in the child.
+    With ``link`` the robot's nodes run elsewhere and are met there, with settings of their own.
+    """
+
+    config: Config
+    recording: Path | None = None
+    estimator_mode: Mode | None = None
+    estop_reason: str | None = None
+    autostart: bool = False
+    build: "Callable[[SessionSpec], Backend] | None" = None
+    link: Link | None = None

@@ -1,0 +1,211 @@
+"""The live view's sink: what the loop gives becomes ticks, features, chunks and events for the host."""
+
+from bisect import bisect_left
+from collections import deque
+from collections.abc import Callable, Sequence
+from time import monotonic
+
+import numpy as np
+
+from snakeslam.estimation.health import NEW_MAP
+from snakeslam.geometry import se3
+from snakeslam.messages import (
+    CameraFrame,
+    Float,
+    GroundTruth,
+    Health,
+    ImuSample,
+    JointState,
+    JointTarget,
+    Packet,
+    SlamUpdate,
+    Verdict,
+)
+from snakeslam.robot.kinematics import link_poses_from_imu
+from snakeslam.robot.model import SnakeModel
+from snakeslam.runtime.bus.topics import Event, Features, Report, SlamState
+from snakeslam.runtime.view.sensor_watch import CAMERA, JOINTS, SensorFault, with_faults
+from snakeslam.runtime.view.stillness import HeadStillness
+
+NS = 1e-9
+PERIOD_S = 0.05
+TRUTH_KEPT = 400
+LEAST_STEP_M = 0.01
+
+
+class TruthView:
+    """Brings the truth to the estimate's first pose, for display and a plain error.
+
+    By yaw and translation; wholly where the estimate does not know where down is.
+    """
+
+    def __init__(self, *, gravity_known: bool = True) -> None:
+        self._gravity_known = gravity_known
+        self._recent: deque[GroundTruth] = deque(maxlen=TRUTH_KEPT)
+        self._align_T_WG: Float | None = None
+
+    def on_truth(self, truth: Sequence[GroundTruth]) -> None:
+        """Take new truth, in time order."""
+        self._recent.extend(sample for sample in truth if sample.orientation_known)
+
+    def at(self, t_ns: int, T_WI: Float | None) -> Float | None:
+        """Return the aligned truth nearest to ``t_ns`` (within 20 ms), (4, 4); the first estimate aligns it."""
+        nearest = self._nearest(t_ns)
+        if nearest is None or abs(nearest.t_ns - t_ns) * NS > 0.02:
+            return None
+        if self._align_T_WG is None:
+            if T_WI is None:
+                return None
+            align = yaw_alignment if self._gravity_known else _full_alignment
+            self._align_T_WG = align(T_WI, nearest.T_WI)
+        return self._align_T_WG @ nearest.T_WI
+
+    def _nearest(self, t_ns: int) -> GroundTruth | None:
+        after = bisect_left(self._recent, t_ns, key=lambda truth: truth.t_ns)
+        around = [self._recent[k] for k in (after - 1, after) if 0 <= k < len(self._recent)]
+        return min(around, key=lambda truth: abs(truth.t_ns - t_ns), default=None)
+
+
+def yaw_alignment(T_WI: Float, T_GI: Float) -> Float:
+    """Return T_WG (4, 4) of yaw and translation only that brings pose ``T_GI`` onto ``T_WI``."""
+    R = T_WI[:3, :3] @ T_GI[:3, :3].T
+    yaw = np.arctan2(R[1, 0] - R[0, 1], R[0, 0] + R[1, 1])
+    c, s = np.cos(yaw), np.sin(yaw)
+    R_WG = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    return se3.from_rt(R_WG, T_WI[:3, 3] - R_WG @ T_GI[:3, 3])
+
+
+def _full_alignment(T_WI: Float, T_GI: Float) -> Float:
+    return T_WI @ se3.inv(T_GI)
+
+
+class LiveSink:
+    """Keeps the newest of everything; ``put`` gets a report at most 20 times a second of each kind that may drop."""
+
+    def __init__(
+        self,
+        model: SnakeModel | None,
+        put: Callable[[Report], None],
+        R_IC: Float,
+        *,
+        gravity_known: bool = True,
+        clock: Callable[[], float] = monotonic,
+    ) -> None:
+        self._model, self._put, self._R_IC, self._clock = model, put, R_IC, clock
+        self._truth, self._still = TruthView(gravity_known=gravity_known), HeadStillness()
+        self._health = Health(Verdict.INITIALISING)
+        self._newest_T_WI: Float | None = None
+        self._true_T_WI: Float | None = None
+        self._q_measured: Float | None = None
+        self._points: dict[int, int] = {}
+        self._distance_m: float | None = None
+        self._last_p_W: Float | None = None
+        self._frames: deque[float] = deque(maxlen=40)
+        self._tick_at = -np.inf
+        self._t_frame_ns = 0
+        self._faults: tuple[SensorFault, ...] = ()
+
+    def set_period(self, period_s: float) -> None:
+        """Tell the period of the gait: how still the head is, is judged over one."""
+        self._still.period_s = period_s
+
+    def on_target(self, target: JointTarget) -> None:
+        """Take the commanded angles: of no interest here."""
+
+    def on_packet(self, packet: Packet) -> None:
+        """Take a packet."""
+        if isinstance(packet, JointState):
+            self._q_measured = packet.q_rad
+        elif isinstance(packet, ImuSample):
+            self._still.on_imu(packet)
+
+    def on_truth(self, truth: Sequence[GroundTruth]) -> None:
+        """Take the truth."""
+        self._truth.on_truth(truth)
+        # The frame's own truth may come with the step's packets, after the frame.
+        if self._t_frame_ns:
+            self._true_T_WI = self._truth.at(self._t_frame_ns, self._newest_T_WI)
+
+    def on_update(self, update: SlamUpdate, frame: CameraFrame, slam_ms: float) -> None:
+        """Take slam's word on a frame."""
+        del frame, slam_ms
+        self._frames.append(self._clock())
+        self._health, self._t_frame_ns = update.health, update.t_ns
+        self._newest_T_WI = None if update.pose is None else update.pose.T_WI
+        if update.pose is not None:
+            self._still.on_pose(update.pose)
+            self._walk(update.pose.T_WI[:3, 3])
+        self._true_T_WI = self._truth.at(update.t_ns, self._newest_T_WI)
+        for chunk in update.chunks:
+            self._points[chunk.key] = len(chunk.points_K)
+            self._put(chunk)
+        if "reset" in update.events:
+            self._still.restart()
+        for text in update.events:
+            self._put(Event(update.t_ns, "warning" if text in ("reset", NEW_MAP) else "info", text))
+        self._tell_features(update)
+
+    def due(self) -> bool:
+        """Whether it is time for a tick."""
+        return self._clock() - self._tick_at >= PERIOD_S
+
+    def state(self, boot: str, mode: str, faults: tuple[SensorFault, ...] = ()) -> SlamState:
+        """Return the newest state of the estimate; ``faults`` are the sensors that are silent now."""
+        self._tick_at = self._clock()
+        self._tell_faults(faults)
+        silent_camera = any(fault.name == CAMERA for fault in faults)
+        return SlamState(
+            boot=boot,
+            mode=mode,
+            health=with_faults(self._health, faults),
+            frame_rate_hz=None if silent_camera else self._frame_rate_hz(),
+            T_WI=self._newest_T_WI,
+            Ts_WL=self._links(),
+            T_WI_truth=self._true_T_WI,
+            head=self._still.motion(),
+            error_m=self._error_m(),
+            distance_m=self._distance_m,
+            map_points=sum(self._points.values()),
+        )
+
+    def _tell_faults(self, faults: tuple[SensorFault, ...]) -> None:
+        before, now = ({fault.name: fault.words for fault in some} for some in (self._faults, faults))
+        self._faults = faults
+        for name in now.keys() - before.keys():
+            self._put(Event(self._t_frame_ns, "error", now[name]))
+        for name in before.keys() - now.keys():
+            self._put(Event(self._t_frame_ns, "info", f"the {name} {'are' if name == JOINTS else 'is'} back"))
+
+    def _walk(self, p_W: Float) -> None:
+        """Add to the distance, in steps long enough not to count the estimate's noise."""
+        if self._last_p_W is None:
+            self._last_p_W, self._distance_m = p_W, 0.0
+        step_m = float(np.linalg.norm(p_W - self._last_p_W))
+        if step_m >= LEAST_STEP_M:
+            self._last_p_W, self._distance_m = p_W, (self._distance_m or 0.0) + step_m
+
+    def _links(self) -> Float | None:
+        if self._model is None or self._newest_T_WI is None or self._q_measured is None:
+            return None
+        return link_poses_from_imu(self._model, self._q_measured, self._newest_T_WI)
+
+    def _error_m(self) -> float | None:
+        if self._newest_T_WI is None or self._true_T_WI is None:
+            return None
+        return float(np.linalg.norm(self._newest_T_WI[:3, 3] - self._true_T_WI[:3, 3]))
+
+    def _frame_rate_hz(self) -> float | None:
+        if len(self._frames) < 2 or self._clock() - self._frames[-1] > 2.0:
+            return None
+        return (len(self._frames) - 1) / max(self._frames[-1] - self._frames[0], 1e-6)
+
+    def _tell_features(self, update: SlamUpdate) -> None:
+        places = np.round(update.tracks_px.astype(np.float64), 1).reshape(-1, 2).T.tolist()
+        tracks = tuple(zip(*places, update.track_inliers.astype(int).tolist(), update.track_ids.tolist(), strict=True))
+        roll_rad = None if update.pose is None else camera_roll_rad(update.pose.T_WI[:3, :3] @ self._R_IC)
+        self._put(Features(update.t_ns, update.seq, tracks, roll_rad))
+
+
+def camera_roll_rad(R_WC: Float) -> float:
+    """Return how far a camera is rolled clockwise about its view: 0 with its image's down side down."""
+    return float(np.arctan2(-R_WC[2, 0], -R_WC[2, 1]))

@@ -103,6 +103,11 @@ bench: setup browser
 	$(BIN)/python -m bench estop 5
 	$(BIN)/python -m bench page
 
+.PHONY: configs
+configs: $(VENV)/.synced
+	$(BIN)/python -m snakeslam.config_file > configs/sim.yaml.new
+	@mv configs/sim.yaml.new configs/sim.yaml
+
 .PHONY: fmt
 fmt: $(VENV)/.synced
 	$(BIN)/ruff check --fix-only -q .

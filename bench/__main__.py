@@ -33,7 +33,7 @@ from snakeslam.estimation.vio import window
 from snakeslam.estimation.vio.window import SlidingWindow
 from snakeslam.mapping.keyframes import KeyframeMapper
 from snakeslam.messages import CameraFrame, Float, GaitCommand, GroundTruth, JointTarget, Packet, SlamUpdate
-from snakeslam.runtime.session.assembly import build_backend, build_control, build_slam
+from snakeslam.runtime.assembly.build import build_backend, build_control, build_slam
 from snakeslam.runtime.session.lockstep import Loop
 from snakeslam.slam import Slam
 

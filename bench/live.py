@@ -15,10 +15,10 @@ from rich.table import Table
 
 from snakeslam.config import load_config
 from snakeslam.messages import GaitCommand
+from snakeslam.runtime.assembly.spec import SessionSpec
 from snakeslam.runtime.bus.bus import Bus
 from snakeslam.runtime.bus.topics import SENSORS, EStop, ResetEStop, SetGait, Started, Tick
 from snakeslam.runtime.session.host import NodesHost
-from snakeslam.runtime.session.spec import SessionSpec
 
 SECONDS = 20.0
 PRESSES, FLOOD = 40, 50

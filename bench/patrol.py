@@ -24,7 +24,7 @@ from snakeslam.messages import (  # noqa: E402
     Packet,
     SlamUpdate,
 )
-from snakeslam.runtime.session.assembly import build_backend, build_control, build_slam  # noqa: E402
+from snakeslam.runtime.assembly.build import build_backend, build_control, build_slam  # noqa: E402
 from snakeslam.runtime.session.lockstep import Loop  # noqa: E402
 
 SECONDS = 300.0

@@ -11,7 +11,8 @@ import numpy as np
 
 from snakeslam.calibration import CameraCalibration, ImuCalibration, SensorRig
 from snakeslam.estimation.frontend.tracking import FrontendFrame
-from snakeslam.estimation.settings import EstimatorSettings, NoiseSettings
+from snakeslam.estimation.measurements.settings import NoiseSettings
+from snakeslam.estimation.settings import EstimatorSettings
 from snakeslam.estimation.start.still import SIGMA_BIAS_A
 from snakeslam.estimation.vio.odometry import VisualInertialOdometry
 from snakeslam.geometry import se3, so3

@@ -23,6 +23,7 @@ from rich.progress import track
 CHECKOUT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(CHECKOUT))
 
+from snakeslam.runtime.assembly.spec import SessionSpec  # noqa: E402
 from snakeslam.runtime.bus.bus import Bus  # noqa: E402
 from snakeslam.runtime.bus.link import Link, unix_endpoint  # noqa: E402
 from snakeslam.runtime.bus.orders import Sender  # noqa: E402
@@ -42,7 +43,6 @@ from snakeslam.runtime.bus.wire import Beat, Order  # noqa: E402
 from snakeslam.runtime.nodes.robot import run_robot  # noqa: E402
 from snakeslam.runtime.process.clock import RobotClock  # noqa: E402
 from snakeslam.runtime.process.node import spawn  # noqa: E402
-from snakeslam.runtime.session.spec import SessionSpec  # noqa: E402
 from tests.faults.held_hand import ROBOT, SERVER, SLAM, Served, Watcher  # noqa: E402
 from tests.faults.nodes import CONFIG  # noqa: E402
 from tests.server.running import wait_for  # noqa: E402

@@ -10,7 +10,7 @@ from snakeslam.config import Config, load_config
 from snakeslam.gaits.catalogue import resolve
 from snakeslam.geometry import so3
 from snakeslam.messages import Float, GaitCommand, HeadCommand
-from snakeslam.runtime.session.assembly import build_backend, build_control, build_slam
+from snakeslam.runtime.assembly.build import build_backend, build_control, build_slam
 from snakeslam.runtime.session.lockstep import Loop
 from snakeslam.studies.metrics import truth_trajectory
 from snakeslam.studies.recorder import Recorder

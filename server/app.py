@@ -36,7 +36,7 @@ from server.telemetry import Telemetry
 from server.teleop import Teleop
 from server.viewer import Viewer
 from server.viewer_proxy import ViewerProxy
-from snakeslam.runtime.session.spec import SessionSpec
+from snakeslam.runtime.assembly.spec import SessionSpec
 
 PAGE = Path(__file__).resolve().parents[1] / "web" / "dist"
 RECORDINGS_AGE_S = 2.0

@@ -24,8 +24,8 @@ from server.teleop import Teleop
 from server.viewer import Viewer
 from snakeslam.config import Config
 from snakeslam.recording.datasets import Summary
+from snakeslam.runtime.assembly.spec import SessionSpec
 from snakeslam.runtime.bus.topics import Stop
-from snakeslam.runtime.session.spec import SessionSpec
 
 _log = structlog.get_logger("control")
 

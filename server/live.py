@@ -20,6 +20,7 @@ from snakeslam.config import Config
 from snakeslam.gaits.command import configured_gait
 from snakeslam.head.settings import HeadSettings
 from snakeslam.messages import Float, GaitCommand, MapChunk
+from snakeslam.runtime.assembly.spec import SessionSpec
 from snakeslam.runtime.bus.topics import (
     BackUp,
     Command,
@@ -38,7 +39,6 @@ from snakeslam.runtime.bus.topics import (
 )
 from snakeslam.runtime.session.host import host_for
 from snakeslam.runtime.session.pipe_host import Host
-from snakeslam.runtime.session.spec import SessionSpec
 
 NS = 1e-9
 CONFIRM_S, ESTOP_CONFIRM_S = 2.0, 0.5

@@ -21,9 +21,9 @@ from snakeslam.claims import temporary_folder
 from snakeslam.config import Config
 from snakeslam.errors import InputError, SnakeslamError
 from snakeslam.garbage import collect_seldom
+from snakeslam.runtime.assembly.spec import SessionSpec
 from snakeslam.runtime.bus.socket_path import check_room_for_sockets
 from snakeslam.runtime.process.priority import go_second
-from snakeslam.runtime.session.spec import SessionSpec
 
 GRACE_S = 2
 PLACES_EVERY = 10

@@ -14,8 +14,7 @@ from server.live import Live, View
 from snakeslam.head.settings import HeadSettings
 from snakeslam.messages import Float, GaitCommand, Health, Verdict
 from snakeslam.robot.model import snake_model
-from snakeslam.runtime.bus.topics import Event, Features, HeadMotion, Picture, PlaybackState, Tick
-from snakeslam.runtime.robot.governor import Governed
+from snakeslam.runtime.bus.topics import Event, Features, Governed, HeadMotion, Picture, PlaybackState, Tick
 
 FRAME = b"\x01"
 Json = dict[str, Any]

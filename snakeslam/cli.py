@@ -88,7 +88,7 @@ def serve(
     if not 0 <= port <= 65535:
         raise InputError("--port", str(port), "0 to 65535")
     from server.main import serve as start
-    from snakeslam.runtime.session.spec import SessionSpec
+    from snakeslam.runtime.assembly.spec import SessionSpec
 
     link = None if connect is None else _link(connect, None, authority, certificate, key)
     autostart = loaded.run.autostart and link is None
@@ -196,11 +196,11 @@ def node(
 
     loaded = load_config(config or configs_dir() / "sim.yaml", settings or ())
     link = _link(connect, listen, authority, certificate, key)
+    from snakeslam.runtime.assembly.spec import SessionSpec
     from snakeslam.runtime.nodes.robot import run_robot
     from snakeslam.runtime.nodes.slam import run_slam
     from snakeslam.runtime.process.logs import log_to_stderr
     from snakeslam.runtime.process.node import Life, end_at_signals
-    from snakeslam.runtime.session.spec import SessionSpec
 
     if name not in (NodeName.ROBOT, NodeName.SLAM):
         from snakeslam.runtime.bus.probe import NODES, check

@@ -29,13 +29,14 @@ class RecordingSettings(Settings):
     """What is written besides trajectories."""
 
     enabled: bool = False
-    """Write ``sensors/`` into the run directory: a TUM RGB-D folder with IMU and joints, which ``replay`` reads."""
+    """Write sensors/ into the run directory: a TUM RGB-D folder with IMU and joints, which snakeslam replay reads."""
 
 
 class RunSettings(Settings):
     """A scripted run."""
 
     seed: Annotated[int, Field(ge=0, lt=2**32)] = 1
+    """Seed of everything random: the world, the sensors' noise, the estimator."""
     duration_s: Annotated[float, Field(gt=0, le=86400)] = 20.0
     """Simulated time; a recording is played to its end when ``replay`` is given no duration."""
     rest_s: Annotated[float, Field(ge=0, le=60)] = 0.5
@@ -64,30 +65,32 @@ class GovernorSettings(Settings):
     rise_per_s: Annotated[float, Field(gt=0)] = 0.25
     """How fast it is given back, a second."""
     good_s: Annotated[float, Field(ge=0)] = 1.0
-    """It is given back when more would have been allowed for so long."""
+    """It is given back when more would have been allowed for so long, in seconds."""
 
 
 class SafetySettings(Settings):
     """What stops a robot that moves and sees nothing, and how it gets out again."""
 
     max_blind_s: Annotated[float, Field(ge=0, le=3600)] = 5.0
-    """A moving robot whose camera has supported the estimate for so long no more is held, until an operator starts it
-    again or has it back up; 0: never. A scripted run has no operator: it goes on."""
+    """Seconds without support from the camera after which a moving robot is held, until an operator starts it again or
+    has it back up; 0: never. A scripted run has no operator: it goes on."""
     back_up_s: Annotated[float, Field(gt=0, le=60)] = 4.0
-    """A back-up plays the gait backwards for so long, however blind the robot is, and then stops."""
+    """A back-up plays the gait backwards for so many seconds, however blind the robot is, and then stops."""
 
 
 class ServerConfig(Settings):
     """The dashboard's server."""
 
     state_dir: str | None = None
-    """Folder of what outlives the server (who is signed in); null: snakeslam below $XDG_STATE_HOME (~/.local/state)."""
+    """Folder of what outlives the server (who is signed in); null: snakeslam below $XDG_STATE_HOME, ~/.local/state
+    without."""
     session_hours: Annotated[float, Field(gt=0, le=24 * 365)] = 12.0
     """A browser stays signed in for so long."""
     hosts: tuple[str, ...] = ()
-    """Names by which browsers may reach it, besides this machine's own; *.example.com is all below that name."""
+    """Names by which browsers may reach it, besides localhost, this machine's name and its name with .local;
+    "*.example.com" allows every name below example.com."""
     trusted_proxies: tuple[str, ...] = ()
-    """Addresses (or networks) of TLS front ends whose X-Forwarded-For and X-Forwarded-Proto are believed."""
+    """Addresses or networks of TLS front ends whose X-Forwarded-For and X-Forwarded-Proto are believed."""
 
 
 class Config(Settings):

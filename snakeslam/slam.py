@@ -24,15 +24,17 @@ def build_estimator(
     """
     check_camera(rig.cam0)
     if settings.mode == "visual":
-        return VisualOdometry(settings, rig, seed)
+        return VisualOdometry(settings.visual, settings.noise, settings.health.max_blind_s, rig, seed)
     if settings.mode == "vio":
         return VisualInertialOdometry(settings, rig, seed)
     if settings.mode == "planar":
         if rig.imu0 is None:
             raise InputError("estimator.mode", "'planar' needs an IMU, and this recording has none", "visual")
-        return PlanarOdometry(settings, VisualInertialOdometry(settings, rig, seed), model)
+        return PlanarOdometry(
+            settings.planar, settings.max_iterations, VisualInertialOdometry(settings, rig, seed), model
+        )
     if settings.mode == "gait":
-        return GaitOdometry(settings, model)
+        return GaitOdometry(settings.planar, model)
     if model is None:
         raise InputError("estimator.mode", "'fused' needs a robot's joints, and here are none", "visual, vio")
     return VisualInertialOdometry(settings, rig, seed, gait=GaitAid(model, settings.gait))

@@ -25,7 +25,7 @@ from snakeslam.runtime.bus.link import Link
 from snakeslam.runtime.process.node import Life, end_at_signals
 from snakeslam.runtime.nodes.robot import run_robot
 from snakeslam.runtime.nodes.slam import run_slam
-from snakeslam.runtime.session.spec import SessionSpec
+from snakeslam.runtime.assembly.spec import SessionSpec
 from tests.server.still_robot import still_robot
 if __name__ == "__main__":
     name, endpoint = sys.argv[1:]

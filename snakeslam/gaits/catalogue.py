@@ -24,14 +24,16 @@ LIMIT_SHARE = 0.9
 
 
 class GaitSettings(Settings):
-    """Which gait, and its parameters: None takes the gait's own default, and one that it does not have is ignored."""
+    """Which gait, and its parameters: null takes the gait's own default, and one that it does not have is ignored."""
 
     name: GaitName = "serpentine"
+    """serpentine, sidewinding, arc_rolling, helix_rolling or pedal."""
     alpha_pi: Annotated[float, Field(ge=0.02, le=0.75)] | None = None
     """Amplitude of the serpenoid curve's heading in units of pi (serpentine)."""
     wavelength_joints: Annotated[float, Field(ge=8, le=60)] | None = None
     """Length of one wave in joints (all but arc_rolling)."""
     period_s: Annotated[float, Field(ge=0.5, le=60)] | None = None
+    """Seconds of one wave."""
     amplitude_deg: Annotated[float, Field(ge=1, le=80)] | None = None
     """Amplitude A_o of the yaw joints in degrees (serpentine: instead of alpha_pi)."""
 

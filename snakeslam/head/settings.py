@@ -17,9 +17,11 @@ class HeadSettings(Settings):
     """How the neck keeps the head still."""
 
     controller: HeadController = "predictive"
-    """A gait that a controller is not made for plays as without it: ``head.laws.effect`` says what is in force."""
+    """none; direction: an arc of the neck keeps the head's heading; position: two arcs keep its place as well;
+    predictive: a model of the whole body and feedback keep the head on a line (serpentine), or level and looking ahead
+    (sidewinding, pedal, helix_rolling). arc_rolling carries its head by the gait itself, whatever stands here."""
     neck_joints: Annotated[int, Field(ge=LEAST_NECK_JOINTS, le=MOST_NECK_JOINTS)] | None = None
-    """Yaw joints of the neck; None: a third of the robot's, which leaves the body enough to push with, and more only
-    where the gait would bend those too far."""
+    """Yaw joints of the neck; null: a third of the robot's (sim35: 6, orthogonal24: 4), more where the gait would bend
+    those too far."""
     friction_ratio: Annotated[float, Field(ge=1, le=100)] = 4.0
     """Friction across the body over friction along it, as predictive control supposes it; a wrong one costs little."""

@@ -21,7 +21,9 @@ class MappingSettings(Settings):
     voxel_m: Positive = 0.02
     """One point is kept in each cube of the world of this size."""
     depth_min_m: Positive = 0.25
+    """The nearest point kept, in m."""
     depth_max_m: Positive = 4.0
+    """The farthest point kept, in m."""
     edge_ratio: Positive = 0.06
     """Pixels whose depth differs from a neighbour's by more than this part of it are edges, and dropped."""
     max_points: Annotated[int, Field(ge=100, le=200_000)] = 4000

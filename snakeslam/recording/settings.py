@@ -12,7 +12,8 @@ class ReplaySettings(Settings):
     """How a recording is read."""
 
     calibration: Path | None = None
-    """File in Kalibr's or OpenVINS's form, used instead of the recording's own, or of the benchmark's by its name."""
+    """Calibration file in Kalibr's or OpenVINS's form, used instead of the recording's own; null: the recording's own,
+    or for a TUM RGB-D folder without one the benchmark's, by a word of its name (freiburg1, fr2, ...)."""
     start_s: Annotated[float, Field(ge=0)] = 0.0
     """Seconds to leave out at the beginning."""
     association_ms: Annotated[float, Field(gt=0, le=100)] = 20.0

@@ -29,9 +29,9 @@ class RobotSettings(Settings):
     """Which robot, and how it carries its head."""
 
     model: ModelName = "sim35"
-    """The paper's simulated robot (35 joints of 89.95 mm) or its prototype (24 joints of 96 mm)."""
+    """sim35: the paper's simulated robot, 35 joints of 89.95 mm; orthogonal24: its prototype, 24 joints of 96 mm."""
     head_posture: HeadPosture = "raised"
-    """``raised`` lifts the head by two pitch joints (+-22 deg) and freezes the yaw joint between them."""
+    """raised lifts the head by two pitch joints (+-22 deg) and freezes the yaw joint between them; flat."""
 
 
 @dataclass(frozen=True, slots=True)

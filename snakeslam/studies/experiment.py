@@ -26,13 +26,8 @@ from snakeslam.recording.datasets import SENSORS
 from snakeslam.recording.trajectory import write_trajectory
 from snakeslam.recording.tum_writer import TumWriter
 from snakeslam.robot.model import SnakeModel, snake_model
-from snakeslam.runtime.session.assembly import (
-    build_backend,
-    build_control,
-    build_governor,
-    build_slam,
-    fit_to_recording,
-)
+from snakeslam.runtime.assembly.build import build_backend, build_control, build_slam, fit_to_recording
+from snakeslam.runtime.robot.governor import build_governor
 from snakeslam.runtime.session.lockstep import Loop
 from snakeslam.studies.metrics import HeadWindow, Metrics, evaluate, notes_on, tracked_poses
 from snakeslam.studies.recorder import Recorder

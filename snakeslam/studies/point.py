@@ -12,7 +12,7 @@ from snakeslam.errors import BackendError
 from snakeslam.estimation.settings import Mode
 from snakeslam.geometry import so3
 from snakeslam.messages import Float, SlamUpdate
-from snakeslam.runtime.session.assembly import build_backend, build_control, build_slam
+from snakeslam.runtime.assembly.build import build_backend, build_control, build_slam
 from snakeslam.runtime.session.lockstep import Loop
 from snakeslam.studies.broadcast import Broadcast, Listener
 from snakeslam.studies.experiment import turn_loop

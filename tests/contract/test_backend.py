@@ -11,7 +11,7 @@ from snakeslam.backends.base import Backend
 from snakeslam.calibration import SensorRig
 from snakeslam.config import load_config
 from snakeslam.messages import CameraFrame, GroundTruth, ImuSample, JointState, JointTarget, Packet
-from snakeslam.runtime.session.assembly import build_backend
+from snakeslam.runtime.assembly.build import build_backend
 from tests.small_recordings import write_euroc, write_tum
 
 STEPS = 30

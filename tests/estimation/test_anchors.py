@@ -6,10 +6,10 @@ import pytest
 
 from snakeslam.estimation.frontend import motion_ransac, patches
 from snakeslam.estimation.frontend.patches import Anchors
+from snakeslam.estimation.frontend.settings import FrontendSettings
 from snakeslam.estimation.frontend.tracking import Frontend, FrontendFrame
 from snakeslam.estimation.imaging import depth_sampling
 from snakeslam.estimation.imaging.camera import PinholeCamera
-from snakeslam.estimation.settings import FrontendSettings
 from snakeslam.geometry import so3
 from snakeslam.messages import CameraFrame
 from tests.estimation.wall import FOCAL_PX, HEIGHT_PX, RIG, WIDTH_PX, K

@@ -4,9 +4,9 @@ import cv2
 import numpy as np
 import pytest
 
+from snakeslam.estimation.frontend.settings import FrontendSettings
 from snakeslam.estimation.frontend.tracking import Frontend, FrontendFrame
 from snakeslam.estimation.imaging.camera import PinholeCamera
-from snakeslam.estimation.settings import FrontendSettings
 from snakeslam.geometry import so3
 from snakeslam.messages import CameraFrame
 from tests.estimation.wall import HEIGHT_PX, RIG, WIDTH_PX, K

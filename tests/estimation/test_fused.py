@@ -19,7 +19,8 @@ from snakeslam.estimation.gait.learning import SlipModel
 from snakeslam.estimation.gait.odometry import GaitOdometer, JointHistory, Reckoned
 from snakeslam.estimation.gait.rows import GaitRows, GaitWay
 from snakeslam.estimation.gait.settings import GaitSensorSettings
-from snakeslam.estimation.settings import EstimatorSettings, NoiseSettings
+from snakeslam.estimation.measurements.settings import NoiseSettings
+from snakeslam.estimation.settings import EstimatorSettings
 from snakeslam.estimation.vio.odometry import VisualInertialOdometry
 from snakeslam.gaits.catalogue import GaitName, GaitSettings
 from snakeslam.geometry import numeric, so3

@@ -16,7 +16,7 @@ from snakeslam.estimation.measurements.camera import (
 )
 from snakeslam.estimation.measurements.landmarks import Sightings
 from snakeslam.estimation.measurements.projected_tracks import Features, promote
-from snakeslam.estimation.settings import NoiseSettings
+from snakeslam.estimation.measurements.settings import NoiseSettings
 from snakeslam.geometry import numeric, so3
 
 R_IC = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from snakeslam.estimation.base import FrameEstimate
-from snakeslam.estimation.health import NEW_MAP, TIED
-from snakeslam.estimation.settings import EstimatorSettings, HealthSettings, Mode
+from snakeslam.estimation.health import NEW_MAP, TIED, HealthSettings
+from snakeslam.estimation.settings import EstimatorSettings, Mode
 from snakeslam.geometry import se3
 from snakeslam.mapping.settings import MappingSettings
 from snakeslam.messages import CameraFrame, MapChunk, Packet, SlamUpdate, Verdict

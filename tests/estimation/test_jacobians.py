@@ -7,8 +7,8 @@ from snakeslam.calibration import ImuCalibration
 from snakeslam.estimation.filter.preintegration import ImuSegments, preintegrate
 from snakeslam.estimation.filter.state import BIASES, CORE, State
 from snakeslam.estimation.measurements.camera import CameraRows, Observations, Poses, jacobians, residuals
+from snakeslam.estimation.measurements.settings import NoiseSettings
 from snakeslam.estimation.measurements.zero_velocity import AtRest, Rest
-from snakeslam.estimation.settings import NoiseSettings
 from snakeslam.geometry import numeric, so3
 
 GRAVITY_W = np.array([0.0, 0.0, -9.81])

@@ -285,8 +285,10 @@ def test_it_is_better_than_the_gait_alone_and_smoother_than_the_pose(
 ) -> None:
     packets, truth = crawled
     settings = SETTINGS.model_copy(update={"planar": SETTINGS.planar.model_copy(update={"pose_m": 0.002})})
-    planar = list(follow(PlanarOdometry(settings, FakeVio(truth, noise_m=0.002), MODEL), packets))
-    alone = list(follow(GaitOdometry(SETTINGS, MODEL), packets))
+    planar = list(
+        follow(PlanarOdometry(settings.planar, settings.max_iterations, FakeVio(truth, noise_m=0.002), MODEL), packets)
+    )
+    alone = list(follow(GaitOdometry(SETTINGS.planar, MODEL), packets))
     fake = FakeVio(truth, noise_m=0.002)
     vio = [e for e in (fake.process(p) for p in packets) if e is not None]
     assert len(planar) == len(alone) == len(vio)
@@ -303,7 +305,12 @@ def test_lost_it_goes_on_with_the_gait_and_the_slip_it_has_learnt(
     """Two seconds without a pose, then one in another world: the path goes on where the robot is, without a jump."""
     packets, truth = crawled
     lost = range(100, 140)
-    estimates = list(follow(PlanarOdometry(SETTINGS, FakeVio(truth, noise_m=0.0005, lost=lost), MODEL), packets))
+    estimates = list(
+        follow(
+            PlanarOdometry(SETTINGS.planar, SETTINGS.max_iterations, FakeVio(truth, noise_m=0.0005, lost=lost), MODEL),
+            packets,
+        )
+    )
     assert [e.health.verdict for e in estimates if e.seq in lost] == [Verdict.BLIND] * len(lost)
     assert all("dead reckoning on the gait" in e.health.reasons for e in estimates if e.seq in lost)
     assert "reset" in estimates[lost.start].events
@@ -326,7 +333,7 @@ def test_the_covariance_tells_the_error_of_a_pose_that_drifts() -> None:
     nees: list[float] = []
     for seed in range(12):
         vio = FakeVio(truth, seed=seed, drift_m=0.01, noise_m=0.002)
-        for e in list(follow(PlanarOdometry(SETTINGS, vio, MODEL), packets))[20:]:
+        for e in list(follow(PlanarOdometry(SETTINGS.planar, SETTINGS.max_iterations, vio, MODEL), packets))[20:]:
             assert e.pose is not None
             d = (truth[e.t_ns] - e.pose.T_WI)[:2, 3]
             nees.append(float(d @ np.linalg.solve(e.pose.cov[3:5, 3:5], d)))
@@ -344,7 +351,11 @@ def test_joints_that_are_no_use_are_left_out(crawled: tuple[list[Packet], dict[i
             broken.append(JointState(packet.t_ns + 1, packet.q_rad[:9], packet.dq_rad_s[:9], bad[:9], bad[:9]))
             broken.append(JointState(packet.t_ns - 5 * STEP_NS, packet.q_rad + 1, packet.dq_rad_s, bad, bad))
     clean, dirty = (
-        [e.pose.T_WI.tobytes() for e in follow(PlanarOdometry(SETTINGS, FakeVio(truth), MODEL), p) if e.pose]
+        [
+            e.pose.T_WI.tobytes()
+            for e in follow(PlanarOdometry(SETTINGS.planar, SETTINGS.max_iterations, FakeVio(truth), MODEL), p)
+            if e.pose
+        ]
         for p in (packets[:400], broken)
     )
     assert len(clean) > 60
@@ -354,7 +365,7 @@ def test_joints_that_are_no_use_are_left_out(crawled: tuple[list[Packet], dict[i
 def test_without_joints_the_pose_is_passed_on(crawled: tuple[list[Packet], dict[int, Float]]) -> None:
     packets, truth = crawled
     frames = [packet for packet in packets if isinstance(packet, CameraFrame)][:10]
-    planar, vio = PlanarOdometry(SETTINGS, FakeVio(truth), MODEL), FakeVio(truth)
+    planar, vio = PlanarOdometry(SETTINGS.planar, SETTINGS.max_iterations, FakeVio(truth), MODEL), FakeVio(truth)
     for frame in frames:
         ours, its = planar.process(frame), vio.process(frame)
         assert ours is not None

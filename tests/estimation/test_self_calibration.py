@@ -7,6 +7,7 @@ from bench.simulated import P_IC, R_IC, RIG, SETTINGS, SimulatedFrontend, Swingi
 from snakeslam.calibration import SensorRig
 from snakeslam.estimation.filter.extrinsics import Mount, free_mount, motion_of_rows
 from snakeslam.estimation.filter.ieskf import Information
+from snakeslam.estimation.filter.settings import CalibrationSettings
 from snakeslam.estimation.filter.state import CORE, State
 from snakeslam.estimation.measurements.camera import (
     CameraRows,
@@ -19,7 +20,7 @@ from snakeslam.estimation.measurements.camera import (
 )
 from snakeslam.estimation.measurements.landmarks import Sightings
 from snakeslam.estimation.measurements.projected_tracks import Features
-from snakeslam.estimation.settings import CalibrationSettings, NoiseSettings
+from snakeslam.estimation.measurements.settings import NoiseSettings
 from snakeslam.estimation.vio.odometry import VisualInertialOdometry
 from snakeslam.geometry import numeric, se3, so3
 from snakeslam.messages import Float

@@ -3,8 +3,8 @@
 import numpy as np
 
 from snakeslam.estimation.measurements.camera import CameraRows, Observations, Poses, points_in_camera, predict
+from snakeslam.estimation.measurements.settings import NoiseSettings
 from snakeslam.estimation.measurements.triangulation import triangulate
-from snakeslam.estimation.settings import NoiseSettings
 from snakeslam.messages import Float
 
 R_IC = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])

@@ -66,7 +66,7 @@ def way(k: int) -> np.ndarray:
 
 
 def run(frames: list[CameraFrame], seed: int = 0) -> list[FrameEstimate]:
-    estimator = VisualOdometry(SETTINGS, RIG, seed)
+    estimator = VisualOdometry(SETTINGS.visual, SETTINGS.noise, SETTINGS.health.max_blind_s, RIG, seed)
     estimates = [estimator.process(frame) for frame in frames]
     return [estimate for estimate in estimates if estimate is not None]
 
@@ -118,12 +118,12 @@ def test_the_same_seed_gives_the_same_bytes() -> None:
 
 
 def test_imu_samples_are_not_looked_at() -> None:
-    estimator = VisualOdometry(SETTINGS, RIG, 0)
+    estimator = VisualOdometry(SETTINGS.visual, SETTINGS.noise, SETTINGS.health.max_blind_s, RIG, 0)
     assert estimator.process(ImuSample(0, np.zeros(3), np.zeros(3))) is None
 
 
 def test_frames_without_depth_are_refused_in_one_line() -> None:
-    estimator = VisualOdometry(SETTINGS, RIG, 0)
+    estimator = VisualOdometry(SETTINGS.visual, SETTINGS.noise, SETTINGS.health.max_blind_s, RIG, 0)
     with pytest.raises(InputError, match=r"estimator\.mode: 'visual' needs depth") as error:
         estimator.process(CameraFrame(0, 0, np.zeros((240, 320), np.uint8)))
     assert error.value.exit_code == 2
@@ -187,7 +187,7 @@ def test_a_picture_that_does_not_change_is_said_to() -> None:
 def test_a_leap_is_not_believed() -> None:
     leap = se3.from_rt(np.eye(3), np.array([0.35, 0.0, 0.0]))
     settings = SETTINGS.model_copy(update={"visual": SETTINGS.visual.model_copy(update={"max_speed_m_s": 1.0})})
-    estimator = VisualOdometry(settings, RIG, 0)
+    estimator = VisualOdometry(settings.visual, settings.noise, settings.health.max_blind_s, RIG, 0)
     estimator.process(draw(0, np.eye(4)))
     estimate = estimator.process(draw(1, leap))
     assert estimate is not None

@@ -6,7 +6,7 @@ import numpy as np
 
 from snakeslam.control import Control
 from snakeslam.messages import JointTarget, Packet
-from snakeslam.runtime.session.spec import SessionSpec
+from snakeslam.runtime.assembly.spec import SessionSpec
 from tests.server.still_robot import StillRobot
 
 EVERY_RAD, FAILING = 0.5, 5

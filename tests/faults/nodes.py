@@ -14,6 +14,7 @@ from snakeslam.backends.base import Backend
 from snakeslam.config import Config
 from snakeslam.messages import MapChunk
 from snakeslam.robot.model import RobotSettings
+from snakeslam.runtime.assembly.spec import SessionSpec
 from snakeslam.runtime.bus.bus import Bus
 from snakeslam.runtime.bus.link import Link, unix_endpoint
 from snakeslam.runtime.bus.orders import Sender
@@ -37,7 +38,6 @@ from snakeslam.runtime.nodes.robot import run_robot
 from snakeslam.runtime.nodes.slam import run_slam
 from snakeslam.runtime.process.clock import RobotClock
 from snakeslam.runtime.process.node import Child, spawn
-from snakeslam.runtime.session.spec import SessionSpec
 from tests.server.still_robot import still_robot
 
 CONFIG = Config(robot=RobotSettings(model="orthogonal24"))

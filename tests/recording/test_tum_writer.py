@@ -24,9 +24,9 @@ from snakeslam.recording.settings import ReplaySettings
 from snakeslam.recording.trajectory import read_trajectory
 from snakeslam.recording.tum_writer import TumWriter, depth_units
 from snakeslam.robot.model import PRESETS
+from snakeslam.runtime.assembly.spec import SessionSpec
 from snakeslam.runtime.bus.topics import Ended, Report, Start, Started, Tick
 from snakeslam.runtime.session.recording import Session
-from snakeslam.runtime.session.spec import SessionSpec
 from tests.small_recordings import write_tum
 
 MODEL = PRESETS["orthogonal24"]

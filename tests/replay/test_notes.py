@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from snakeslam.config import load_config
+from snakeslam.runtime.assembly.spec import SessionSpec
 from snakeslam.runtime.bus.topics import Event, Report
 from snakeslam.runtime.session.recording import Session
-from snakeslam.runtime.session.spec import SessionSpec
 from snakeslam.studies.experiment import run_experiment
 from tests.small_recordings import HEIGHT, WIDTH, write_euroc, write_tum
 

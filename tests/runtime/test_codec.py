@@ -36,7 +36,9 @@ from snakeslam.runtime.bus.topics import (
     EStop,
     Event,
     Features,
+    Governed,
     HeadMotion,
+    Phase,
     Picture,
     Refusal,
     ResetEStop,
@@ -48,7 +50,6 @@ from snakeslam.runtime.bus.topics import (
     Stop,
 )
 from snakeslam.runtime.bus.wire import Beat, Estimate, Exposure, Hello, Order, Sensors
-from snakeslam.runtime.robot.governor import Governed, Phase
 from tests.server.still_robot import StillRobot
 
 Q = np.linspace(-1.0, 1.0, 24)

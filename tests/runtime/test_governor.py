@@ -8,7 +8,8 @@ from hypothesis import strategies as st
 
 from snakeslam.config import GovernorSettings
 from snakeslam.messages import Health, Verdict
-from snakeslam.runtime.robot.governor import Governed, Governor, Phase, ease
+from snakeslam.runtime.bus.topics import Governed, Phase
+from snakeslam.runtime.robot.governor import Governor, ease
 
 SETTINGS = GovernorSettings(enabled=True)
 GOOD = Health(Verdict.GOOD, (), 150, 1.0)

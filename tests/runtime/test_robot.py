@@ -9,15 +9,26 @@ from snakeslam.config import Config, GovernorSettings
 from snakeslam.head.settings import HeadSettings
 from snakeslam.messages import GaitCommand, HeadCommand, Health, JointTarget, Verdict
 from snakeslam.robot.model import RobotSettings
+from snakeslam.runtime.assembly.build import build_control
 from snakeslam.runtime.bus.orders import Sender
-from snakeslam.runtime.bus.topics import Command, Drive, EStop, Event, ResetEStop, SetGait, SetHead, Start, Stop, Tick
+from snakeslam.runtime.bus.topics import (
+    Command,
+    Drive,
+    EStop,
+    Event,
+    Phase,
+    ResetEStop,
+    SetGait,
+    SetHead,
+    Start,
+    Stop,
+    Tick,
+)
 from snakeslam.runtime.bus.wire import Estimate
 from snakeslam.runtime.robot.controller import Robot
 from snakeslam.runtime.robot.driving import LET_GO_FIRST, SILENT_HAND, SILENT_NS
-from snakeslam.runtime.robot.governor import Phase
 from snakeslam.runtime.robot.safety import BEFORE_THE_HOLD, FROZEN, FROZEN_NS
 from snakeslam.runtime.session import compose
-from snakeslam.runtime.session.assembly import build_control
 from tests.server.still_robot import StillRobot
 
 CONFIG = Config(robot=RobotSettings(model="orthogonal24"))

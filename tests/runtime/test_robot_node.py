@@ -5,13 +5,13 @@ from contextlib import closing
 from dataclasses import replace
 
 from snakeslam.config import load_config
+from snakeslam.runtime.assembly.build import build_control, build_simulator
 from snakeslam.runtime.bus.bus import Bus
 from snakeslam.runtime.bus.link import Link, unix_endpoint
 from snakeslam.runtime.bus.topics import CAMERA_READY, SLAM_BEAT
 from snakeslam.runtime.bus.wire import Beat, Hello
 from snakeslam.runtime.nodes.robot import RobotNode
 from snakeslam.runtime.robot.controller import Robot
-from snakeslam.runtime.session.assembly import build_control, build_simulator
 
 PATIENCE_S = 10.0
 

@@ -17,6 +17,7 @@ from snakeslam.config import Config
 from snakeslam.geometry import se3, so3
 from snakeslam.messages import GroundTruth, MapChunk
 from snakeslam.robot.model import RobotSettings
+from snakeslam.runtime.assembly.spec import SessionSpec
 from snakeslam.runtime.bus.topics import (
     ControlPlayback,
     Ended,
@@ -29,7 +30,6 @@ from snakeslam.runtime.bus.topics import (
     Tick,
 )
 from snakeslam.runtime.session.recording import Session, start_session
-from snakeslam.runtime.session.spec import SessionSpec
 from snakeslam.runtime.view.live import TruthView
 from tests.small_recordings import write_robot
 

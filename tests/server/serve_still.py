@@ -14,8 +14,8 @@ def main() -> int:
     from snakeslam.config import Config, RunSettings
     from snakeslam.errors import SnakeslamError
     from snakeslam.robot.model import RobotSettings
+    from snakeslam.runtime.assembly.spec import SessionSpec
     from snakeslam.runtime.bus.link import Link
-    from snakeslam.runtime.session.spec import SessionSpec
     from tests.server.still_robot import still_robot
 
     port, host, *folders = sys.argv[1:]

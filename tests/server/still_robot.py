@@ -6,7 +6,7 @@ import numpy as np
 from snakeslam.calibration import CameraCalibration, ImuCalibration, SensorRig
 from snakeslam.messages import CameraFrame, GroundTruth, ImuSample, JointState, JointTarget, Packet
 from snakeslam.robot.model import PRESETS, SnakeModel
-from snakeslam.runtime.session.spec import SessionSpec
+from snakeslam.runtime.assembly.spec import SessionSpec
 
 STEP_NS = 10_000_000
 FRAME_EVERY = 5

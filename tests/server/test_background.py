@@ -13,8 +13,8 @@ from server.runs import Run, RunRequest
 from server.viewer import Viewer
 from snakeslam.config import Config
 from snakeslam.messages import MapChunk
+from snakeslam.runtime.assembly.spec import SessionSpec
 from snakeslam.runtime.bus.topics import Event, Opening, Report
-from snakeslam.runtime.session.spec import SessionSpec
 from tests.server.running import wait_for
 from tests.server.test_runs import ShortRuns, until_over
 

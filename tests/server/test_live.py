@@ -14,6 +14,7 @@ from server.live import Live
 from server.problem import Problem
 from snakeslam.config import Config
 from snakeslam.messages import HeadCommand, Health, Verdict
+from snakeslam.runtime.assembly.spec import SessionSpec
 from snakeslam.runtime.bus.topics import (
     Command,
     EStop,
@@ -28,7 +29,6 @@ from snakeslam.runtime.bus.topics import (
     Tick,
 )
 from snakeslam.runtime.session.pipe_host import PipeHost
-from snakeslam.runtime.session.spec import SessionSpec
 
 TICK = Tick(
     t_ns=0,

@@ -12,7 +12,7 @@ import yaml
 
 from snakeslam.cli import main
 from snakeslam.errors import InputError
-from snakeslam.runtime.session.assembly import build_backend
+from snakeslam.runtime.assembly.build import build_backend
 from snakeslam.studies.measures import MEASURES, MeasureName
 from snakeslam.studies.point import Measured, run_point
 from snakeslam.studies.rows import Row

@@ -61,20 +61,23 @@ class PhysicsSettings(Settings):
     rate_hz: int = Field(default=400, ge=200, le=4800)
     """Physics steps per second; 200 loses the sidewinding gait, 480 and more agree to a few per cent."""
     solver_iterations: int = Field(default=12, ge=1, le=500)
+    """Iterations of the contact solver in one step."""
     friction_normal: float = Field(default=0.6, gt=0, le=5)
     """Coulomb coefficient across the body."""
     friction_slip_m_s: float = Field(default=0.02, gt=0, le=1)
     """Speed below which friction grows linearly."""
     contact_stiffness_n_m: float = Field(default=2000.0, ge=200, le=1e6)
-    """Stiffness of the skin at each of a link's two contacts; it shares the weight out among the links."""
+    """Stiffness of the skin at each of a link's two contacts, in N/m; it shares the weight out among the links."""
     contact_damping_n_s_m: float = Field(default=30.0, ge=0, le=1e4)
-    """Damping of the skin at each contact; a skin too hard for the step's length is refused."""
+    """Damping of the skin at each contact, in N s/m; a skin too hard for the length of a step is refused."""
     servo_lag_s: float = Field(default=0.03, ge=0, le=1)
     """Time constant of the servo's answer to a command."""
     servo_reach_rad: float = Field(default=0.15, gt=0, le=3.2)
     """The command is clipped to this much from the measured angle, so that a blocked joint does not wind up."""
     servo_position_gain: float = Field(default=0.2, gt=0, le=1)
+    """Gain of the servo on position."""
     servo_velocity_gain: float = Field(default=1.0, gt=0, le=1)
+    """Gain of the servo on velocity."""
 
 
 class SimSettings(Settings):

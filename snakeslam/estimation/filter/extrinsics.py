@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from snakeslam.calibration import CameraCalibration
-from snakeslam.estimation.settings import CalibrationSettings
+from snakeslam.estimation.filter.settings import CalibrationSettings
 from snakeslam.geometry import so3
 from snakeslam.messages import Float
 

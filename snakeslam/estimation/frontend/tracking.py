@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from snakeslam.estimation.frontend.motion_ransac import agreeing_motions, rigid_motions
 from snakeslam.estimation.frontend.patches import Anchors
+from snakeslam.estimation.frontend.settings import FrontendSettings
 from snakeslam.estimation.frontend.tracks import among
 from snakeslam.estimation.imaging.camera import PinholeCamera
 from snakeslam.estimation.imaging.depth_sampling import sample_depth
-from snakeslam.estimation.settings import FrontendSettings
 from snakeslam.geometry import so3
 from snakeslam.messages import CameraFrame, Float
 

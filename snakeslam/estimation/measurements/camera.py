@@ -20,7 +20,7 @@ from snakeslam.estimation.measurements.projection import (
     seen_from,
     weighed_residuals,
 )
-from snakeslam.estimation.settings import NoiseSettings
+from snakeslam.estimation.measurements.settings import NoiseSettings
 from snakeslam.messages import Float
 
 HUBER = 2.5

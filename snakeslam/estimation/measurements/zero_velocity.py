@@ -10,7 +10,6 @@ from snakeslam.estimation.filter.gating import Innovation
 from snakeslam.estimation.filter.ieskf import PlainRows
 from snakeslam.estimation.filter.state import THETA, P, State, V
 from snakeslam.estimation.frontend.tracking import FrontendFrame
-from snakeslam.estimation.start.still import DISTANCE_M, TREMOR_ACCEL_STD, TREMOR_GYRO_STD, TREMOR_V_S
 from snakeslam.geometry import so3
 from snakeslam.geometry.median import median
 from snakeslam.messages import Float, ImuSample
@@ -22,6 +21,12 @@ GYRO_STD_RAD_S, ACCEL_STD_M_S2 = 0.02, 0.15
 GYRO_MEAN_RAD_S = 0.02
 TREMOR_PX, TREMOR_GYRO_MEAN_RAD_S = 3.0, 0.05
 """The limits with a tremor, from a start at rest for as long as the image stays where it was."""
+TREMOR_GYRO_STD, TREMOR_ACCEL_STD = 0.15, 2.0
+"""Spread of the gyro's samples, rad/s, and of the specific force, m/s^2, in a tremor or a motor's vibration."""
+TREMOR_V_S = 0.05
+"""Velocity of a tremor over its acceleration, s: 1 / (2 pi 3 Hz)."""
+DISTANCE_M = 3.0
+"""Assumed distance of the scene, which converts a motion in the image into one in space."""
 SIGMA_V_M_S, SIGMA_P_M, SIGMA_THETA_RAD = 0.005, 0.001, 0.001
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,12 +10,10 @@ from numpy.typing import NDArray
 from snakeslam.estimation.orb_map.bundle import Bundle, adjust
 from snakeslam.estimation.orb_map.orb import Matches
 from snakeslam.estimation.orb_map.points import PointMap
-from snakeslam.estimation.visual.settings import VisualSettings
+from snakeslam.estimation.orb_map.settings import OrbMapSettings
+from snakeslam.estimation.orb_map.view import Match, View
 from snakeslam.geometry import se3, so3
 from snakeslam.messages import Float
-
-if TYPE_CHECKING:
-    from snakeslam.estimation.orb_map.matching import Match, View
 
 REACH = 60
 """Keyframes back among which those are looked for that share points."""
@@ -41,7 +38,7 @@ class Keyframe:
 class VisualMap:
     """Grows by keyframes, which are adjusted together with the points that they share."""
 
-    def __init__(self, settings: VisualSettings) -> None:
+    def __init__(self, settings: OrbMapSettings) -> None:
         self._settings = settings
         self.points = PointMap()
         self.keyframes: list[Keyframe] = []

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from snakeslam.estimation.visual.settings import VisualSettings
+from snakeslam.estimation.orb_map.settings import OrbMapSettings
 from snakeslam.messages import Float
 
 DETECTED_PER_KEPT = 3
@@ -35,7 +35,7 @@ class OrbFeatures:
 class OrbExtractor:
     """Finds the strongest corners of each cell of a grid over all pyramid levels, and describes them [Rublee11]."""
 
-    def __init__(self, settings: VisualSettings) -> None:
+    def __init__(self, settings: OrbMapSettings) -> None:
         self._count = settings.features
         self._scale = settings.pyramid_scale
         self._orb = cv2.ORB.create(

@@ -14,8 +14,8 @@ from snakeslam.estimation.base import Estimator, FrameEstimate
 from snakeslam.estimation.health import NEW_MAP, TIED
 from snakeslam.estimation.planar.motion import rotation
 from snakeslam.estimation.planar.prediction import GaitPrediction
+from snakeslam.estimation.planar.settings import PlanarSettings
 from snakeslam.estimation.planar.state import PlanarState, wrapped
-from snakeslam.estimation.settings import EstimatorSettings
 from snakeslam.geometry import se3, so3
 from snakeslam.messages import CameraFrame, Float, Health, JointState, Packet, PoseEstimate, Verdict
 from snakeslam.robot.model import SnakeModel
@@ -28,13 +28,13 @@ START_SIGMA = np.array([1e-4, 1e-4, 1e-4, 0.1, 0.3])
 class PlanarOdometry:
     """Packets in, one estimate a frame out: x, y and yaw are the filter's; z, roll and pitch those of ``vio``."""
 
-    def __init__(self, settings: EstimatorSettings, vio: Estimator, model: SnakeModel | None) -> None:
+    def __init__(self, settings: PlanarSettings, max_iterations: int, vio: Estimator, model: SnakeModel | None) -> None:
         if model is None:
             raise InputError("estimator.mode", "'planar' needs a robot's joints, and here are none", "visual, vio")
-        self._settings = settings.planar
-        self._iterations = settings.max_iterations
+        self._settings = settings
+        self._iterations = max_iterations
         self._vio = vio
-        self._prediction = GaitPrediction(model, settings.planar)
+        self._prediction = GaitPrediction(model, settings)
         self._state: PlanarState | None = None
         self._anchor = Anchor(np.zeros(3), np.zeros((3, 3)))
         self._drift = np.zeros((3, 3))
@@ -154,10 +154,10 @@ class Anchor:
 class GaitOdometry:
     """estimator.mode = gait: the paper's motion models alone, without camera and IMU; what ``planar`` is to better."""
 
-    def __init__(self, settings: EstimatorSettings, model: SnakeModel | None) -> None:
+    def __init__(self, settings: PlanarSettings, model: SnakeModel | None) -> None:
         if model is None:
             raise InputError("estimator.mode", "'gait' needs a robot's joints, and here are none", "visual, vio")
-        self._prediction = GaitPrediction(model, settings.planar, raw=True)
+        self._prediction = GaitPrediction(model, settings, raw=True)
         self._state: PlanarState | None = None
 
     def process(self, packet: Packet) -> FrameEstimate | None:

@@ -20,14 +20,14 @@ class PlanarSettings(Settings):
     slip_share: Positive = 0.2
     """Error of the motion model's speed, as a part of the speed at which the joints move the links."""
     still_m_s: Positive = 0.002
-    """The least error of that speed, also of a robot that stands."""
+    """The least error of that speed, also of a robot that stands, in m/s."""
     slip_time_s: Positive = 3.0
-    """Time over which these errors last."""
+    """Time over which these errors last, in s."""
     turn_arm_m: Positive = 0.5
-    """The error of the turn is that of the speed over this arm."""
+    """The error of the turn is that of the speed over this arm, in m."""
     unmodelled_m_s: Positive = 0.3
-    """Error of the speed in a gait for which the paper has no model."""
+    """Error of the speed in a gait for which the paper has no model, in m/s."""
     pose_m: Positive = 0.001
     """Noise of the observed position from frame to frame; what drifts in it is not noise."""
     pose_deg: Positive = 0.05
-    """Noise of the observed yaw from frame to frame."""
+    """Noise of the observed yaw from frame to frame, in deg."""

@@ -10,25 +10,21 @@ import numpy as np
 
 from snakeslam.calibration import ImuCalibration
 from snakeslam.estimation.filter.state import BIAS_A, BIAS_G, CORE, THETA, P, State, V
+from snakeslam.estimation.measurements.zero_velocity import DISTANCE_M, TREMOR_ACCEL_STD, TREMOR_GYRO_STD, TREMOR_V_S
 from snakeslam.geometry import so3
 from snakeslam.messages import Float, ImuSample
 
 SIGMA_BIAS_A = 0.08
 STILL_GYRO_STD, STILL_ACCEL_STD = 0.02, 0.25
 """Spread of the samples that a camera may have that is stationary in two frames, rad/s and m/s^2."""
-TREMOR_GYRO_STD, TREMOR_ACCEL_STD = 0.15, 2.0
 TREMOR_S = 0.35
-"""The same where the image has not moved for so long: a tremor, or the vibration of motors."""
+"""An image that has not moved for so long allows the larger spread of a tremor, or of motors' vibration."""
 STILL_GYRO_MEAN = 0.5
 """The most that is taken for a gyro's bias, rad/s."""
 STILL_GRAVITY_OFF = 0.6
 MIN_STILL_SAMPLES = 10
 SIGMA_BIAS_G = 1e-3
 SIGMA_V_M_S = 0.01
-TREMOR_V_S = 0.05
-"""Velocity of a tremor over its acceleration, s: 1 / (2 pi 3 Hz)."""
-DISTANCE_M = 3.0
-"""How far what is seen is taken to be, when a motion in the image is converted into one in space."""
 TREMOR_MEAN_S = 0.18
 """Mean acceleration of a tremor over a time T, times T, over its spread in that time, s: sqrt(12) / (2 pi 3 Hz)."""
 MAX_MEAN_M_S2 = 0.1

@@ -19,9 +19,10 @@ from snakeslam.estimation.filter.state import P, State
 from snakeslam.estimation.frontend.tracking import FrontendFrame
 from snakeslam.estimation.imaging.camera import PinholeCamera
 from snakeslam.estimation.orb_map.keyframe_map import VisualMap
-from snakeslam.estimation.orb_map.matching import NOTHING, Match, Matcher, View, look
+from snakeslam.estimation.orb_map.matching import NOTHING, Matcher
 from snakeslam.estimation.orb_map.orb import OrbExtractor
 from snakeslam.estimation.orb_map.pnp import PoseFit
+from snakeslam.estimation.orb_map.view import Match, View, look
 from snakeslam.estimation.settings import EstimatorSettings
 from snakeslam.geometry import se3, so3
 from snakeslam.messages import CameraFrame, Float, MapTie
@@ -102,8 +103,8 @@ class Keyframes:
         self._camera = PinholeCamera(cam0)
         self._T_IC = cam0.T_IC
         self.focal_px = self._camera.focal_px
-        self._orb = OrbExtractor(settings.visual)
-        self._matcher = Matcher(settings.visual, self._camera, seed)
+        self._orb = OrbExtractor(settings.relocalisation)
+        self._matcher = Matcher(settings.relocalisation, self._camera, seed)
         self._kept: list[Keyframe] = []
         self._shelved: list[Keyframe] = []
         self._tried = 0
@@ -172,13 +173,13 @@ class Keyframes:
         """Return T_I0I and its covariance, sought near a foreseen pose, or by descriptors alone without one."""
         if keyframe.view is None:
             keyframe.view = self._look(keyframe.frame)
-        known = VisualMap(self._settings.visual)
+        known = VisualMap(self._settings.relocalisation)
         known.add_keyframe(np.eye(4), np.zeros((6, 6)), keyframe.view, NOTHING.feature, NOTHING.point)
         if foreseen_WI is None:
-            return self._agreed(self._matcher.anywhere(view, known), self._settings.visual.relocalise_inliers)
+            return self._agreed(self._matcher.anywhere(view, known), self._settings.relocalisation.relocalise_inliers)
         T_I0I = se3.inv(keyframe.T_WI) @ foreseen_WI
         match = self._matcher.near(view, known, se3.inv(self._T_IC) @ T_I0I @ self._T_IC)
-        fit = self._agreed(match, self._settings.visual.min_inliers)
+        fit = self._agreed(match, self._settings.relocalisation.min_inliers)
         return None if fit is None else _with_turn(fit, T_I0I[:3, :3], t_ns - keyframe.frame.t_ns)
 
     def _agreed(self, match: Match | None, least: int) -> PoseFit | None:

@@ -15,10 +15,12 @@ from snakeslam.estimation.base import FrameEstimate
 from snakeslam.estimation.health import NEW_MAP, TIED, in_map
 from snakeslam.estimation.imaging.camera import PinholeCamera
 from snakeslam.estimation.imaging.roll_prior import RollPrior, with_roll
+from snakeslam.estimation.measurements.settings import NoiseSettings
 from snakeslam.estimation.orb_map.keyframe_map import VisualMap
-from snakeslam.estimation.orb_map.matching import Match, Matcher, View, look
+from snakeslam.estimation.orb_map.matching import Matcher
 from snakeslam.estimation.orb_map.orb import OrbExtractor
-from snakeslam.estimation.settings import EstimatorSettings
+from snakeslam.estimation.orb_map.view import Match, View, look
+from snakeslam.estimation.visual.settings import VisualSettings
 from snakeslam.geometry import se3
 from snakeslam.messages import CameraFrame, Float, Health, MapTie, Packet, PoseEstimate, Verdict
 
@@ -57,15 +59,17 @@ class _Track:
 class VisualOdometry:
     """Packets in, one estimate a frame out; all but camera frames is ignored."""
 
-    def __init__(self, settings: EstimatorSettings, rig: SensorRig, seed: int) -> None:
-        self._settings = settings.visual
-        self._noise = settings.noise
-        self._max_blind_s = settings.health.max_blind_s
+    def __init__(
+        self, settings: VisualSettings, noise: NoiseSettings, max_blind_s: float, rig: SensorRig, seed: int
+    ) -> None:
+        self._settings = settings
+        self._noise = noise
+        self._max_blind_s = max_blind_s
         self._camera = PinholeCamera(rig.cam0)
         self._T_CI = rig.cam0.T_CI
-        self._orb = OrbExtractor(settings.visual)
-        self._matcher = Matcher(settings.visual, self._camera, seed)
-        self._map = VisualMap(settings.visual)
+        self._orb = OrbExtractor(settings)
+        self._matcher = Matcher(settings, self._camera, seed)
+        self._map = VisualMap(settings)
         self._track: _Track | None = None
         self._tracked_ns: int | None = None
         self._lost = False

@@ -4,45 +4,19 @@ from typing import Annotated
 
 from pydantic import Field
 
-from snakeslam.settings import Settings
+from snakeslam.estimation.orb_map.settings import OrbMapSettings
 
 Positive = Annotated[float, Field(gt=0)]
 
 
-class VisualSettings(Settings):
+class VisualSettings(OrbMapSettings):
     """ORB odometry on RGB-D frames, without IMU."""
 
-    features: Annotated[int, Field(ge=100, le=5000)] = 1000
-    fast_threshold: Annotated[int, Field(ge=2, le=100)] = 7
-    pyramid_levels: Annotated[int, Field(ge=1, le=12)] = 8
-    pyramid_scale: Annotated[float, Field(gt=1.01, le=2.0)] = 1.2
-    search_px: Positive = 40.0
-    """Radius around the predicted place of a map point for the first search, for a focal length of 500 px."""
-    refine_px: Positive = 8.0
-    """Radius of the second search, once the pose is about known."""
-    max_hamming: Annotated[int, Field(ge=10, le=128)] = 64
-    """Bits of 256 in which the descriptors of a match may differ."""
-    match_ratio: Annotated[float, Field(gt=0.5, le=1.0)] = 0.85
-    """A match whose distance is above this part of the second best one's is ambiguous."""
-    min_inliers: Annotated[int, Field(ge=6)] = 12
-    """With fewer points in agreement a frame has no pose of its own."""
-    few_inliers: Annotated[int, Field(ge=6)] = 40
-    """Fewer points in agreement degrade the verdict."""
-    relocalise_inliers: Annotated[int, Field(ge=6)] = 25
-    """Points in agreement that a pose found without a prediction must have."""
     max_sigma_m: Positive = 0.1
-    """A pose whose position is less certain than this is not taken."""
+    """A pose whose position is less certain than this is not believed, one sigma in m."""
     max_speed_m_s: Positive = 2.0
-    """A pose that would have needed a faster motion is not taken."""
+    """A pose that asks for a faster motion than this is not believed, in m/s."""
     max_acceleration_m_s2: Positive = 10.0
-    """How far a pose with few points in agreement may be from the prediction."""
+    """How far a pose with few points in agreement may be from the prediction, in m/s^2."""
     max_rate_deg_s: Positive = 720.0
-    keyframe_angle_deg: Positive = 10.0
-    keyframe_distance_m: Positive = 0.1
-    keyframe_matched: Annotated[float, Field(gt=0, le=1)] = 0.5
-    """A frame becomes a keyframe when less than this part of its features with depth are in the map."""
-    max_points: Annotated[int, Field(ge=1000, le=500_000)] = 30_000
-    """Points in the map; beyond it those seen least go first."""
-    window: Annotated[int, Field(ge=1, le=30)] = 7
-    """Keyframes adjusted together when a new one comes; as many more hold them."""
-    adjust_rounds: Annotated[int, Field(ge=0, le=20)] = 4
+    """The same for turning, in deg/s."""

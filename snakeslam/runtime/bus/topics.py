@@ -4,12 +4,30 @@ Commands go to the session, reports come back; both are frozen. Times are those 
 """
 
 from dataclasses import dataclass
+from enum import Enum
 from typing import Generic, Literal, TypeVar
 
 from snakeslam.head.settings import HeadSettings
 from snakeslam.messages import CameraFrame, Float, GaitCommand, HeadCommand, Health, MapChunk
 from snakeslam.runtime.bus.wire import Beat, Estimate, Exposure, Hello, Order, Sensors
-from snakeslam.runtime.robot.governor import Governed
+
+
+class Phase(Enum):
+    """What the governor does."""
+
+    FULL = "full"
+    SLOWING = "slowing"
+    SLOW = "slow"
+    RETURNING = "returning"
+
+
+@dataclass(frozen=True, slots=True)
+class Governed:
+    """The share of the commanded pace that is allowed, in (0, 1], and why it is not all; None when it is."""
+
+    pace: float = 1.0
+    phase: Phase = Phase.FULL
+    reason: str | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,6 +6,7 @@ from time import monotonic_ns
 from snakeslam.config import Config
 from snakeslam.garbage import collect_seldom
 from snakeslam.robot.model import snake_model
+from snakeslam.runtime.assembly.build import build_scene
 from snakeslam.runtime.bus.bus import Bus
 from snakeslam.runtime.bus.link import Link
 from snakeslam.runtime.bus.shapes import robot_sizes
@@ -13,7 +14,6 @@ from snakeslam.runtime.bus.topics import CAMERA_READY, EXPOSURES, FRAMES, PICTUR
 from snakeslam.runtime.bus.wire import Beat, Exposure
 from snakeslam.runtime.process.node import Child, Life, spawn
 from snakeslam.runtime.process.priority import go_apart
-from snakeslam.runtime.session.assembly import build_scene
 from snakeslam.runtime.view.pictures import Pictures
 
 WAITING = 2

@@ -13,6 +13,8 @@ import structlog
 from snakeslam.backends.base import Backend
 from snakeslam.errors import InputError
 from snakeslam.garbage import collect_seldom
+from snakeslam.runtime.assembly.build import build_backend, build_control, build_simulator
+from snakeslam.runtime.assembly.spec import SessionSpec
 from snakeslam.runtime.bus.bus import Bus
 from snakeslam.runtime.bus.codec import WireError
 from snakeslam.runtime.bus.link import Link
@@ -29,8 +31,6 @@ from snakeslam.runtime.robot.controller import Robot, Step
 from snakeslam.runtime.robot.inbox import Inbox, drain
 from snakeslam.runtime.robot.safety import SLAM
 from snakeslam.runtime.robot.time import RobotTime
-from snakeslam.runtime.session.assembly import build_backend, build_control, build_simulator
-from snakeslam.runtime.session.spec import SessionSpec
 
 STATE_S, HELLO_S, LAST_HOLD_S = 0.05, 0.2, 0.4
 LAG_NS, PATIENCE_S, FIRST_PATIENCE_S = 300_000_000, 1.0, 20.0

@@ -45,10 +45,10 @@ from snakeslam.runtime.process.pacing import Pacer
 from snakeslam.runtime.robot.answers import Answers
 from snakeslam.runtime.robot.blindness import Blindness
 from snakeslam.runtime.robot.driving import SILENT_HAND
+from snakeslam.runtime.robot.governor import build_governor
 from snakeslam.runtime.robot.guard import STEP_S
 from snakeslam.runtime.robot.safety import LOST, Safety
 from snakeslam.runtime.robot.words import head_words
-from snakeslam.runtime.session.assembly import build_governor
 
 _log = structlog.get_logger("robot")
 UNSEEN_S = 1.0

@@ -1,33 +1,13 @@
 """Slows the gait before tracking is lost, and gives its pace back when it is good: a pure state machine over health."""
 
-from dataclasses import dataclass
-from enum import Enum
-
-from snakeslam.config import GovernorSettings
+from snakeslam.config import Config, GovernorSettings
 from snakeslam.messages import Health, Verdict
+from snakeslam.runtime.bus.topics import Governed, Phase
 
 NS = 1e-9
 LONGEST_STEP_S = 0.5
 """A gap in the estimates longer than this does not count in full."""
 ENOUGH = 1e-9
-
-
-class Phase(Enum):
-    """What the governor does."""
-
-    FULL = "full"
-    SLOWING = "slowing"
-    SLOW = "slow"
-    RETURNING = "returning"
-
-
-@dataclass(frozen=True, slots=True)
-class Governed:
-    """The share of the commanded pace that is allowed, in (0, 1], and why it is not all; None when it is."""
-
-    pace: float = 1.0
-    phase: Phase = Phase.FULL
-    reason: str | None = None
 
 
 def ease(health: Health, settings: GovernorSettings) -> tuple[float, str | None]:
@@ -87,3 +67,8 @@ class Governor:
         else:
             self._now = Governed(pace, phase, reason or self._now.reason)
         return self._now
+
+
+def build_governor(config: Config) -> Governor | None:
+    """Return the governor; None where it is switched off."""
+    return Governor(config.governor) if config.governor.enabled else None

@@ -11,6 +11,7 @@ from snakeslam.claims import Claim, claim_temporary
 from snakeslam.errors import SnakeslamError
 from snakeslam.messages import MapChunk
 from snakeslam.robot.model import snake_model
+from snakeslam.runtime.assembly.spec import SessionSpec
 from snakeslam.runtime.bus.bus import Bus
 from snakeslam.runtime.bus.link import Link, unix_endpoint
 from snakeslam.runtime.bus.orders import Sender
@@ -48,7 +49,6 @@ from snakeslam.runtime.process.node import Child, spawn
 from snakeslam.runtime.process.supervisor import Supervisor
 from snakeslam.runtime.session import compose
 from snakeslam.runtime.session.pipe_host import Host, PipeHost, Put
-from snakeslam.runtime.session.spec import SessionSpec
 
 BEAT_S = 0.05
 END_S = 2.0

@@ -7,10 +7,10 @@ from multiprocessing.connection import Connection
 from queue import SimpleQueue
 from typing import Any, Protocol
 
+from snakeslam.runtime.assembly.spec import SessionSpec
 from snakeslam.runtime.bus.topics import Command, Ended, Report, Shutdown
 from snakeslam.runtime.process.log_limit import error_words
 from snakeslam.runtime.session.recording import start_session
-from snakeslam.runtime.session.spec import SessionSpec
 
 END_S = 2.0
 Put = Callable[[Report], None]

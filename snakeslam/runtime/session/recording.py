@@ -18,6 +18,8 @@ from snakeslam.backends.replay.backend import ReplayBackend
 from snakeslam.config import Config
 from snakeslam.errors import SnakeslamError
 from snakeslam.messages import CameraFrame, Float, JointState, JointTarget, Packet
+from snakeslam.runtime.assembly.build import build_slam, mode_for
+from snakeslam.runtime.assembly.spec import SessionSpec
 from snakeslam.runtime.bus.topics import (
     Answer,
     Command,
@@ -31,11 +33,9 @@ from snakeslam.runtime.bus.topics import (
 )
 from snakeslam.runtime.process.priority import go_along
 from snakeslam.runtime.session import compose
-from snakeslam.runtime.session.assembly import build_slam, mode_for
 from snakeslam.runtime.session.lockstep import Loop
 from snakeslam.runtime.session.outbox import Outbox
 from snakeslam.runtime.session.playback import MOMENTS_KEPT, Moment, Player
-from snakeslam.runtime.session.spec import SessionSpec
 from snakeslam.runtime.view.live import PERIOD_S, LiveSink
 from snakeslam.runtime.view.pictures import picture_of
 from snakeslam.runtime.view.sensor_watch import SensorWatch

@@ -10,7 +10,6 @@ from snakeslam.control import Control
 from snakeslam.errors import InputError
 from snakeslam.estimation.settings import Mode
 from snakeslam.robot.model import snake_model
-from snakeslam.runtime.robot.governor import Governor
 
 if TYPE_CHECKING:
     from snakeslam.backends.sim.backend import CameraPlace, SimBackend
@@ -74,11 +73,6 @@ def build_control(config: Config, backend: Backend) -> Control | None:
     if backend.model is None or isinstance(backend, ReplayBackend):
         return None
     return Control(backend.model, config.gait, config.head)
-
-
-def build_governor(config: Config) -> Governor | None:
-    """Return the governor; None where it is switched off."""
-    return Governor(config.governor) if config.governor.enabled else None
 
 
 def build_slam(config: Config, backend: Backend) -> "Slam":

@@ -17,7 +17,8 @@ from snakeslam.config import load_config
 from snakeslam.messages import GaitCommand
 from snakeslam.runtime.assembly.spec import SessionSpec
 from snakeslam.runtime.bus.bus import Bus
-from snakeslam.runtime.bus.topics import SENSORS, EStop, ResetEStop, SetGait, Started, Tick
+from snakeslam.runtime.bus.commands import EStop, ResetEStop, SetGait
+from snakeslam.runtime.bus.topics import SENSORS, Started, Tick
 from snakeslam.runtime.session.host import NodesHost
 
 SECONDS = 20.0

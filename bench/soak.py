@@ -25,6 +25,7 @@ sys.path.insert(0, str(CHECKOUT))
 
 from snakeslam.runtime.assembly.spec import SessionSpec  # noqa: E402
 from snakeslam.runtime.bus.bus import Bus  # noqa: E402
+from snakeslam.runtime.bus.commands import EStop, ResetEStop, RobotCommand, Start  # noqa: E402
 from snakeslam.runtime.bus.link import Link, unix_endpoint  # noqa: E402
 from snakeslam.runtime.bus.orders import Sender  # noqa: E402
 from snakeslam.runtime.bus.topics import (  # noqa: E402
@@ -33,11 +34,7 @@ from snakeslam.runtime.bus.topics import (  # noqa: E402
     ROBOT_STATE,
     SERVER_BEAT,
     SLAM_BEAT,
-    Command,
-    EStop,
-    ResetEStop,
     RobotState,
-    Start,
 )
 from snakeslam.runtime.bus.wire import Beat, Order  # noqa: E402
 from snakeslam.runtime.nodes.robot import run_robot  # noqa: E402
@@ -94,7 +91,7 @@ class Lone:
     def state(self) -> RobotState:
         return self.watcher.state
 
-    def send(self, command: Command, k: int = 0) -> Order:
+    def send(self, command: RobotCommand, k: int = 0) -> Order:
         order = self.senders[k].order(command, self.clock.now_ns() or 0)
         self.buses[k].publish(ESTOP if isinstance(command, EStop) else ORDERS, order)
         return order
@@ -104,7 +101,7 @@ class Lone:
 
     def send_both(self) -> list[Order]:
         """Send an E-stop from each sender, at the same instant."""
-        together, orders = threading.Barrier(2), [Order("", 0, 0, "")] * 2
+        together, orders = threading.Barrier(2), [Order("", 0, 0, Start())] * 2
 
         def send(k: int) -> None:
             together.wait()

@@ -25,7 +25,7 @@ from server.viewer import Viewer
 from snakeslam.config import Config
 from snakeslam.recording.datasets import Summary
 from snakeslam.runtime.assembly.spec import SessionSpec
-from snakeslam.runtime.bus.topics import Stop
+from snakeslam.runtime.bus.commands import Stop
 
 _log = structlog.get_logger("control")
 

@@ -21,22 +21,8 @@ from snakeslam.gaits.command import configured_gait
 from snakeslam.head.settings import HeadSettings
 from snakeslam.messages import Float, GaitCommand, MapChunk
 from snakeslam.runtime.assembly.spec import SessionSpec
-from snakeslam.runtime.bus.topics import (
-    BackUp,
-    Command,
-    ControlPlayback,
-    Ended,
-    EStop,
-    Event,
-    Opening,
-    Report,
-    ResetEStop,
-    Restarting,
-    Silence,
-    Start,
-    Started,
-    Tick,
-)
+from snakeslam.runtime.bus.commands import BackUp, Command, ControlPlayback, EStop, ResetEStop, Start
+from snakeslam.runtime.bus.topics import Ended, Event, Opening, Report, Restarting, Silence, Started, Tick
 from snakeslam.runtime.session.host import host_for
 from snakeslam.runtime.session.pipe_host import Host
 

@@ -19,7 +19,7 @@ from server.limits import Bucket, Rate
 from server.live import Live
 from server.metrics import Metrics
 from server.problem import Problem
-from snakeslam.runtime.bus.topics import Drive, Stop
+from snakeslam.runtime.bus.commands import Drive, Stop
 
 MAX_CHARS = 512
 LOOK_S = 0.05

@@ -4,7 +4,7 @@ import math
 
 from snakeslam.errors import InputError
 from snakeslam.gaits.blend import GaitBlend
-from snakeslam.gaits.catalogue import GaitSettings, resolve
+from snakeslam.gaits.catalogue import GaitSettings, ResolvedGait, resolve
 from snakeslam.gaits.command import commanded_gait
 from snakeslam.head.command import commanded_head
 from snakeslam.head.controller import HeadControl, HeadSense
@@ -29,9 +29,9 @@ class Control:
     def __init__(self, model: SnakeModel, gait: GaitSettings, head: HeadSettings) -> None:
         self._model = model
         self._configured = gait
-        self._gait = resolve(gait, model)
+        self._straight = self._turned = self._gait = resolve(gait, model)
         head = settled(head, model, self._gait)
-        self._asked, self._drive, self._turn = gait, 0.0, 0.0
+        self._drive, self._turn = 0.0, 0.0
         self.throttle = 1.0
         """Share of the commanded drive that is played, 0 to 1."""
         self._t_ns: int | None = None
@@ -44,18 +44,24 @@ class Control:
         """The head control in force."""
         return self._head.settings
 
+    @property
+    def commanded(self) -> ResolvedGait:
+        """The gait that was commanded, without steering."""
+        return self._straight
+
     def command(self, command: GaitCommand) -> None:
-        """Take the operator's wish; InputError, and no change, where it cannot be done."""
+        """Resolve and play what the operator commands; InputError, and no change, where it cannot be done."""
         for key, value in (("drive", command.drive), ("turn", command.turn)):
             if not abs(value) <= 1.0:
                 raise InputError(f"gait.{key}", f"cannot be {value}", "-1 to 1")
         settings = commanded_gait(command, self._configured)
-        check(self.head, self._model, resolve(settings, self._model, command.turn))
-        self._asked, self._drive, self._turn = settings, command.drive, command.turn
+        straight, turned = resolve(settings, self._model), resolve(settings, self._model, command.turn)
+        check(self.head, self._model, turned)
+        self._straight, self._turned, self._drive, self._turn = straight, turned, command.drive, command.turn
         self._play()
 
     def command_head(self, command: HeadCommand) -> None:
-        """Take the operator's wish for the head; InputError, and no change, where it cannot be done."""
+        """Hold the head as the operator commands; InputError, and no change, where it cannot be done."""
         settings = commanded_head(command, self.head, self._model, self._gait)
         if settings != self.head:
             self._hand_back()
@@ -66,10 +72,8 @@ class Control:
             self._head.sense.line.turn_by(math.radians(command.turn_by_deg))
 
     def _play(self) -> None:
-        """Play the gait asked for; a head that is held on a line turns the robot by the line, not by the gait."""
-        gait = resolve(self._asked, self._model)
-        if not self._head.steers(gait):
-            gait = resolve(self._asked, self._model, self._turn)
+        """Play the commanded gait; a head that is held on a line turns the robot by the line, not by the gait."""
+        gait = self._straight if self._head.steers(self._straight) else self._turned
         if gait != self._gait:
             self._gait = gait
             self._blend.set_gait(gait)

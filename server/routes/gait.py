@@ -14,7 +14,7 @@ from snakeslam.gaits.catalogue import CatalogueEntry, GaitName, GaitSettings, ca
 from snakeslam.gaits.command import commanded_gait
 from snakeslam.messages import GaitCommand
 from snakeslam.robot.model import SnakeModel, snake_model
-from snakeslam.runtime.bus.topics import SetGait, Stop
+from snakeslam.runtime.bus.commands import SetGait, Stop
 
 router = APIRouter(tags=["gait"])
 

@@ -18,7 +18,8 @@ from snakeslam.head.neck import most_neck_joints, neck_joints_of
 from snakeslam.head.settings import LEAST_NECK_JOINTS, HeadController, HeadSettings
 from snakeslam.messages import HeadCommand
 from snakeslam.robot.model import SnakeModel, snake_model
-from snakeslam.runtime.bus.topics import HeadMotion, SetHead
+from snakeslam.runtime.bus.commands import SetHead
+from snakeslam.runtime.bus.topics import HeadMotion
 
 router = APIRouter(tags=["head"])
 

@@ -14,7 +14,7 @@ from server.runs import Scalar, checked_overrides
 from server.state import playback_json
 from snakeslam.config import override_config
 from snakeslam.estimation.settings import Mode
-from snakeslam.runtime.bus.topics import ControlPlayback
+from snakeslam.runtime.bus.commands import ControlPlayback
 
 SLOWEST, FASTEST = 0.1, 16.0
 router = APIRouter(tags=["source"])

@@ -16,6 +16,7 @@ from snakeslam.messages import MapChunk
 from snakeslam.robot.model import RobotSettings
 from snakeslam.runtime.assembly.spec import SessionSpec
 from snakeslam.runtime.bus.bus import Bus
+from snakeslam.runtime.bus.commands import Drive, EStop, RobotCommand
 from snakeslam.runtime.bus.link import Link, unix_endpoint
 from snakeslam.runtime.bus.orders import Sender
 from snakeslam.runtime.bus.topics import (
@@ -26,9 +27,6 @@ from snakeslam.runtime.bus.topics import (
     ROBOT_STATE,
     SENSORS,
     SLAM_STATE,
-    Command,
-    Drive,
-    EStop,
     Event,
     RobotState,
     SlamState,
@@ -89,7 +87,7 @@ class Nodes:
                 os.kill(child.process.pid or 0, signal.SIGCONT)
             child.stop()
 
-    def order(self, command: Command, stamp_ns: int | None = None) -> Order:
+    def order(self, command: RobotCommand, stamp_ns: int | None = None) -> Order:
         """Send ``command``, stamped now or otherwise."""
         now_ns = self.clock.now_ns()
         assert now_ns is not None
@@ -98,7 +96,7 @@ class Nodes:
         return order
 
     def send(self, order: Order) -> None:
-        self.bus.publish(ESTOP if order.kind == EStop.__name__ else ORDERS, order)
+        self.bus.publish(ESTOP if isinstance(order.command, EStop) else ORDERS, order)
 
     def answered(self, order: Order) -> str | None:
         """Wait for the robot's answer; return why it refused."""
@@ -136,7 +134,7 @@ class Nodes:
         since_ns = time.monotonic_ns()
         wait_for(lambda: len(steps := self.rates(since_ns)) > 30 and all(step == 0.0 for _, step in steps[-30:]))
 
-    def wait_moving(self, command: Command | None = None) -> None:
+    def wait_moving(self, command: RobotCommand | None = None) -> None:
         """Wait until the servos move; ``command`` is repeated meanwhile."""
         since_ns = time.monotonic_ns()
         if isinstance(command, Drive):

@@ -7,7 +7,6 @@ import os
 import signal
 import time
 from collections.abc import Iterator
-from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -19,8 +18,9 @@ from snakeslam.cli import main as cli
 from snakeslam.errors import SnakeslamError
 from snakeslam.messages import GaitCommand
 from snakeslam.robot.model import PRESETS
+from snakeslam.runtime.bus.codec import encode
+from snakeslam.runtime.bus.commands import Drive, EStop, ResetEStop, RobotCommand, SetGait, Start, Stop
 from snakeslam.runtime.bus.probe import check
-from snakeslam.runtime.bus.topics import Command, Drive, EStop, ResetEStop, SetGait, Start, Stop
 from snakeslam.runtime.robot.driving import LET_GO_FIRST, SILENT_HAND
 from snakeslam.runtime.robot.safety import FROZEN, LOST, SERVER, SLAM
 from tests.faults.nodes import BRAKE_STEPS, HOLD_NS, Nodes, wait_for
@@ -226,7 +226,7 @@ def test_what_must_not_be_obeyed_changes_nothing(moving: Site) -> None:
 
 
 @pytest.mark.parametrize("command", [Stop(), Drive(0.0), EStop("late")], ids=["stop", "let go", "E-stop"])
-def test_what_can_only_stop_is_obeyed_however_late(moving: Site, command: Command) -> None:
+def test_what_can_only_stop_is_obeyed_however_late(moving: Site, command: RobotCommand) -> None:
     nodes = moving.nodes
     for stamp_ns in (0, time.monotonic_ns() - 10**10, time.monotonic_ns() + 10**11):
         assert nodes.answered(nodes.order(command, stamp_ns)) is None
@@ -270,10 +270,10 @@ def test_a_hold_brakes_every_joint_as_fast_as_it_can(moving: Site) -> None:
 def test_a_message_that_is_none_is_dropped(moving: Site) -> None:
     nodes = moving.nodes
     count = len(nodes.states)
-    for data in (b"", b"nonsense", b"\xc1" * 100, b"\x93\x01\x02\x03"):
+    unknown = encode(nodes.sender.order(Stop(), 0)).replace(b"Stop", b"Expl")
+    for data in (b"", b"nonsense", b"\xc1" * 100, b"\x93\x01\x02\x03", unknown):
         nodes.bus._session.put("snakeslam/robot/orders", data)
         nodes.bus._session.put("snakeslam/robot/estop", data)
-    nodes.send(replace(nodes.sender.order(Stop(), 0), kind="Explode"))
     wait_for(lambda: len(nodes.states) > count + 20)
     assert nodes.states[-1].moving
     assert nodes.states[-1].estop_reason is None

@@ -11,9 +11,10 @@ from pathlib import Path
 import pytest
 
 from snakeslam.runtime.bus.bus import Bus
+from snakeslam.runtime.bus.commands import EStop, ResetEStop, Start, Stop
 from snakeslam.runtime.bus.orders import Sender
-from snakeslam.runtime.bus.topics import ESTOP, SERVER_BEAT, EStop, ResetEStop, Start, Stop
-from snakeslam.runtime.bus.wire import Beat, Order
+from snakeslam.runtime.bus.topics import ESTOP, SERVER_BEAT
+from snakeslam.runtime.bus.wire import Beat
 from snakeslam.runtime.robot.guard import NOT_FINITE
 from snakeslam.runtime.robot.safety import SERVER
 from tests.faults.failing_robot import failing_control, failing_robot
@@ -85,7 +86,6 @@ def test_estops_at_the_same_moment_latch_and_the_node_lives(operator: Operator) 
 def test_what_is_no_estop_on_the_estops_topic_is_dropped(operator: Operator) -> None:
     nodes = operator.nodes
     nodes.bus.publish(ESTOP, nodes.sender.order(Start(), nodes.clock.now_ns() or 0))
-    nodes.bus.publish(ESTOP, Order("stranger", 1, 0, "Explode"))
     stop = nodes.order(Stop())
     assert nodes.answered(stop) is None
     nodes.assert_still()

@@ -25,7 +25,8 @@ from snakeslam.recording.trajectory import read_trajectory
 from snakeslam.recording.tum_writer import TumWriter, depth_units
 from snakeslam.robot.model import PRESETS
 from snakeslam.runtime.assembly.spec import SessionSpec
-from snakeslam.runtime.bus.topics import Ended, Report, Start, Started, Tick
+from snakeslam.runtime.bus.commands import Start
+from snakeslam.runtime.bus.topics import Ended, Report, Started, Tick
 from snakeslam.runtime.session.recording import Session
 from tests.small_recordings import write_tum
 

@@ -1,8 +1,8 @@
 """What a sender hears of its commands."""
 
 from snakeslam.messages import GaitCommand
+from snakeslam.runtime.bus.commands import EStop, SetGait, Start
 from snakeslam.runtime.bus.orders import Sender
-from snakeslam.runtime.bus.topics import EStop, SetGait, Start
 from snakeslam.runtime.robot.answers import OVERTAKEN, Answers
 
 

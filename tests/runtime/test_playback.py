@@ -2,7 +2,7 @@
 
 import pytest
 
-from snakeslam.runtime.bus.topics import ControlPlayback
+from snakeslam.runtime.bus.commands import ControlPlayback
 from snakeslam.runtime.session.playback import Player
 
 FRAMES, PERIOD_NS = 100, 50_000_000

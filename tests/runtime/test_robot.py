@@ -10,20 +10,9 @@ from snakeslam.head.settings import HeadSettings
 from snakeslam.messages import GaitCommand, HeadCommand, Health, JointTarget, Verdict
 from snakeslam.robot.model import RobotSettings
 from snakeslam.runtime.assembly.build import build_control
+from snakeslam.runtime.bus.commands import Drive, EStop, ResetEStop, RobotCommand, SetGait, SetHead, Start, Stop
 from snakeslam.runtime.bus.orders import Sender
-from snakeslam.runtime.bus.topics import (
-    Command,
-    Drive,
-    EStop,
-    Event,
-    Phase,
-    ResetEStop,
-    SetGait,
-    SetHead,
-    Start,
-    Stop,
-    Tick,
-)
+from snakeslam.runtime.bus.topics import Event, Phase, Tick
 from snakeslam.runtime.bus.wire import Estimate
 from snakeslam.runtime.robot.controller import Robot
 from snakeslam.runtime.robot.driving import LET_GO_FIRST, SILENT_HAND, SILENT_NS
@@ -47,8 +36,8 @@ class Bench:
         self.sender = Sender()
         self.now_ns = 0
 
-    def take(self, command: Command) -> str | None:
-        return self.node.obey(self.sender.order(command, self.now_ns), command, self.now_ns)
+    def take(self, command: RobotCommand) -> str | None:
+        return self.node.obey(self.sender.order(command, self.now_ns), self.now_ns)
 
     def steps(self, count: int) -> np.ndarray:
         """Advance; return the targets that reached the robot."""
@@ -294,7 +283,7 @@ def test_a_drive_that_lets_go_is_obeyed_however_late_it_comes() -> None:
     bench = Bench()
     drive_for(bench, 5, Drive(1.0, begins=True))
     release = Drive(0.0)
-    assert bench.node.obey(bench.sender.order(release, bench.now_ns - 10**9), release, bench.now_ns) is None
+    assert bench.node.obey(bench.sender.order(release, bench.now_ns - 10**9), bench.now_ns) is None
     assert not bench.tick.moving
 
 
@@ -391,30 +380,30 @@ def test_a_press_that_was_refused_does_not_begin_when_the_reason_has_gone() -> N
 
 def test_a_stop_ends_the_press_and_another_hand_does_not_go_on_with_it() -> None:
     bench = Bench()
-    assert bench.take(Drive(1.0, hand="a", begins=True)) is None
-    assert bench.take(Drive(1.0, hand="b")) == LET_GO_FIRST
-    assert bench.take(Drive(1.0, hand="a")) is None
+    assert bench.take(Drive(1.0, deadman="a", begins=True)) is None
+    assert bench.take(Drive(1.0, deadman="b")) == LET_GO_FIRST
+    assert bench.take(Drive(1.0, deadman="a")) is None
     bench.take(Stop())
-    assert bench.take(Drive(1.0, hand="a")) == LET_GO_FIRST
-    assert bench.take(Drive(1.0, hand="b", begins=True)) is None
-    bench.take(Drive(0.0, hand="a"))
-    assert bench.take(Drive(1.0, hand="b")) == LET_GO_FIRST, "a zero of any hand stops"
+    assert bench.take(Drive(1.0, deadman="a")) == LET_GO_FIRST
+    assert bench.take(Drive(1.0, deadman="b", begins=True)) is None
+    bench.take(Drive(0.0, deadman="a"))
+    assert bench.take(Drive(1.0, deadman="b")) == LET_GO_FIRST, "a zero of any hand stops"
 
 
 @pytest.mark.parametrize("frozen", [Start(), Drive(1.0, begins=True)])
-def test_what_was_sent_before_a_freeze_or_a_hold_moves_nothing(frozen: Command) -> None:
+def test_what_was_sent_before_a_freeze_or_a_hold_moves_nothing(frozen: RobotCommand) -> None:
     bench = Bench()
     sent_ns = bench.now_ns
     bench.node.safety.turn(bench.now_ns)
     bench.now_ns += FROZEN_NS + 100 * STEP_NS
     bench.node.safety.turn(bench.now_ns)
     late = bench.sender.order(frozen, bench.now_ns - STEP_NS)
-    assert bench.node.obey(late, frozen, bench.now_ns) == BEFORE_THE_HOLD
-    assert "old" in (bench.node.obey(bench.sender.order(frozen, sent_ns), frozen, bench.now_ns) or "")
+    assert bench.node.obey(late, bench.now_ns) == BEFORE_THE_HOLD
+    assert "old" in (bench.node.obey(bench.sender.order(frozen, sent_ns), bench.now_ns) or "")
     assert bench.take(frozen) is None
     bench.node.stop_now("a reason")
     late = bench.sender.order(frozen, bench.now_ns - STEP_NS)
-    assert bench.node.obey(late, frozen, bench.now_ns) == BEFORE_THE_HOLD
+    assert bench.node.obey(late, bench.now_ns) == BEFORE_THE_HOLD
 
 
 def test_a_freeze_ends_the_press_before_the_orders_that_waited() -> None:

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from snakeslam.messages import GaitCommand, HeadCommand, JointTarget
 from snakeslam.robot.limits import JointLimits
-from snakeslam.runtime.bus.topics import Command, EStop, ResetEStop, SetGait, SetHead, Start, Stop
+from snakeslam.runtime.bus.commands import EStop, ResetEStop, RobotCommand, SetGait, SetHead, Start, Stop
 from snakeslam.runtime.bus.wire import Order
 from snakeslam.runtime.robot.intake import FUTURE_NS, STALE_NS
 from snakeslam.runtime.robot.safety import FROZEN, FROZEN_NS, LOST, SERVER, SILENT_NS, SLAM, Safety
@@ -17,8 +17,8 @@ MS = 1_000_000
 NOW = 10_000 * MS
 
 
-def order(number: int = 1, stamp_ns: int = NOW, sender: str = "page") -> Order:
-    return Order(sender, number, stamp_ns, "")
+def order(command: RobotCommand, number: int = 1, stamp_ns: int = NOW, sender: str = "page") -> Order:
+    return Order(sender, number, stamp_ns, command)
 
 
 def alive(now_ns: int = NOW) -> Safety:
@@ -49,47 +49,47 @@ def moves(safety: Safety, first: int, count: int, now_ns: int) -> np.ndarray:
     ],
 )
 def test_a_command_is_taken_only_while_it_is_fresh(stamp_ns: int, words: str | None) -> None:
-    said = Safety(LIMITS, {}).judge(order(stamp_ns=stamp_ns), Start(), NOW)
+    said = Safety(LIMITS, {}).judge(order(Start(), stamp_ns=stamp_ns), NOW)
     assert (said is None) if words is None else (said is not None and words in said)
 
 
 @pytest.mark.parametrize("number", [1, 2])
 def test_a_command_that_was_overtaken_or_comes_twice_is_dropped(number: int) -> None:
     safety = Safety(LIMITS, {})
-    assert safety.judge(order(2), Stop(), NOW) is None
-    said = safety.judge(order(number), Start(), NOW)
+    assert safety.judge(order(Stop(), 2), NOW) is None
+    said = safety.judge(order(Start(), number), NOW)
     assert said is not None
     assert "later command" in said
-    assert safety.judge(order(3), Start(), NOW) is None
-    assert safety.judge(order(1, sender="another"), Start(), NOW) is None
+    assert safety.judge(order(Start(), 3), NOW) is None
+    assert safety.judge(order(Start(), 1, sender="another"), NOW) is None
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("key", ["drive", "turn", "alpha_pi", "period_s"])
 def test_a_command_that_is_not_finite_is_dropped(bad: float, key: str) -> None:
     command = SetGait(GaitCommand(0, "serpentine", **{key: bad}))
-    said = Safety(LIMITS, {}).judge(order(), command, NOW)
+    said = Safety(LIMITS, {}).judge(order(command), NOW)
     assert said is not None
     assert "no number" in said
-    assert Safety(LIMITS, {}).judge(order(), SetHead(HeadCommand(0, turn_by_deg=bad)), NOW) is not None
+    assert Safety(LIMITS, {}).judge(order(SetHead(HeadCommand(0, turn_by_deg=bad))), NOW) is not None
 
 
 @pytest.mark.parametrize("command", [EStop("x"), Stop()])
-def test_what_can_only_stop_is_obeyed_however_late(command: Command) -> None:
+def test_what_can_only_stop_is_obeyed_however_late(command: RobotCommand) -> None:
     safety = Safety(LIMITS, {})
-    safety.judge(order(9), Start(), NOW)
-    for late in (order(3), order(10, stamp_ns=0), order(11, stamp_ns=NOW + 10**12)):
-        assert safety.judge(late, command, NOW) is None
+    safety.judge(order(Start(), 9), NOW)
+    for late in (order(command, 3), order(command, 10, 0), order(command, 11, NOW + 10**12)):
+        assert safety.judge(late, NOW) is None
 
 
 def test_a_late_estop_does_not_let_an_earlier_start_through() -> None:
     safety = Safety(LIMITS, {})
-    assert safety.judge(order(5), EStop("x"), NOW) is None
-    assert safety.judge(order(4), Start(), NOW) is not None
+    assert safety.judge(order(EStop("x"), 5), NOW) is None
+    assert safety.judge(order(Start(), 4), NOW) is not None
 
 
 def test_a_reset_is_no_stop_it_must_be_fresh() -> None:
-    assert Safety(LIMITS, {}).judge(order(stamp_ns=NOW - 10**9), ResetEStop(), NOW) is not None
+    assert Safety(LIMITS, {}).judge(order(ResetEStop(), stamp_ns=NOW - 10**9), NOW) is not None
 
 
 @pytest.mark.parametrize("silent", [SERVER, SLAM])

@@ -18,17 +18,8 @@ from snakeslam.geometry import se3, so3
 from snakeslam.messages import GroundTruth, MapChunk
 from snakeslam.robot.model import RobotSettings
 from snakeslam.runtime.assembly.spec import SessionSpec
-from snakeslam.runtime.bus.topics import (
-    ControlPlayback,
-    Ended,
-    Features,
-    Picture,
-    Report,
-    Shutdown,
-    Started,
-    Stop,
-    Tick,
-)
+from snakeslam.runtime.bus.commands import ControlPlayback, Shutdown, Stop
+from snakeslam.runtime.bus.topics import Ended, Features, Picture, Report, Started, Tick
 from snakeslam.runtime.session.recording import Session, start_session
 from snakeslam.runtime.view.live import TruthView
 from tests.small_recordings import write_robot

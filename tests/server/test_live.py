@@ -15,19 +15,8 @@ from server.problem import Problem
 from snakeslam.config import Config
 from snakeslam.messages import HeadCommand, Health, Verdict
 from snakeslam.runtime.assembly.spec import SessionSpec
-from snakeslam.runtime.bus.topics import (
-    Command,
-    EStop,
-    HeadMotion,
-    Refusal,
-    Report,
-    ResetEStop,
-    SetHead,
-    Shutdown,
-    Start,
-    Started,
-    Tick,
-)
+from snakeslam.runtime.bus.commands import Command, EStop, ResetEStop, SetHead, Shutdown, Start
+from snakeslam.runtime.bus.topics import HeadMotion, Refusal, Report, Started, Tick
 from snakeslam.runtime.session.pipe_host import PipeHost
 
 TICK = Tick(

@@ -5,11 +5,12 @@ name is one and the same throughout a message, and that of the robot where the r
 """
 
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import fields, is_dataclass
 from functools import cache
 from typing import Any
 
 import numpy as np
+from msgspec import Struct
 
 from snakeslam.backends.sim.shot import Shot
 from snakeslam.messages import (
@@ -101,4 +102,6 @@ def _check_shape(where: str, shape: tuple[int, ...], declared: Shape, sizes: dic
 
 @cache
 def _field_names(kind: type) -> tuple[str, ...] | None:
-    return tuple(field.name for field in fields(kind)) if hasattr(kind, "__dataclass_fields__") else None
+    if issubclass(kind, Struct):
+        return kind.__struct_fields__
+    return tuple(field.name for field in fields(kind)) if is_dataclass(kind) else None

@@ -1,6 +1,6 @@
-"""What a live session and its host say to each other, and the table of what goes over the bus.
+"""What a live session reports to its host, and the table of what goes over the bus.
 
-Commands go to the session, reports come back; both are frozen. Times are those of the backend.
+Reports are frozen; commands go the other direction (``commands``). Times are those of the backend.
 """
 
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ from enum import Enum
 from typing import Generic, Literal, TypeVar
 
 from snakeslam.head.settings import HeadSettings
-from snakeslam.messages import CameraFrame, Float, GaitCommand, HeadCommand, Health, MapChunk
+from snakeslam.messages import CameraFrame, Float, GaitCommand, Health, MapChunk
 from snakeslam.runtime.bus.wire import Beat, Estimate, Exposure, Hello, Order, Sensors
 
 
@@ -28,84 +28,6 @@ class Governed:
     pace: float = 1.0
     phase: Phase = Phase.FULL
     reason: str | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class SetGait:
-    """Change the gait or its parameters; ``drive`` of ``gait`` is ignored: only Start and Stop set things moving."""
-
-    gait: GaitCommand
-
-
-@dataclass(frozen=True, slots=True)
-class SetHead:
-    """Change the head's controller or its neck, or turn its reference line."""
-
-    head: HeadCommand
-
-
-@dataclass(frozen=True, slots=True)
-class Start:
-    """Move."""
-
-
-@dataclass(frozen=True, slots=True)
-class BackUp:
-    """Play the gait backwards for ``safety.back_up_s``, blind or not, then come to rest."""
-
-
-@dataclass(frozen=True, slots=True)
-class Stop:
-    """Come to rest."""
-
-
-@dataclass(frozen=True, slots=True)
-class Drive:
-    """The operator's hand: move at ``drive`` of the gait's pace and ``turn``, both in [-1, 1], while it is repeated.
-
-    Without another within ``driving.SILENT_NS`` the robot is held; 0 lets go. ``hand`` names the input among those of
-    its sender, ``begins`` says that it was let go before: a press that was refused, or ended by a hold, does not move
-    the robot again until it is let go (``driving``).
-    """
-
-    drive: float
-    turn: float = 0.0
-    hand: str = ""
-    begins: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class EStop:
-    """Latch the emergency stop and hold."""
-
-    reason: str
-
-
-@dataclass(frozen=True, slots=True)
-class ResetEStop:
-    """Clear the latch; never moves the robot."""
-
-
-@dataclass(frozen=True, slots=True)
-class ControlPlayback:
-    """Change how a recording plays; what is None stays as it is.
-
-    ``speed`` is a multiple of real time, ``position_s`` counts from the first frame, ``step`` moves by so many frames
-    (negative: back) and pauses.
-    """
-
-    paused: bool | None = None
-    speed: float | None = None
-    position_s: float | None = None
-    step: int = 0
-
-
-@dataclass(frozen=True, slots=True)
-class Shutdown:
-    """End the session."""
-
-
-Command = SetGait | SetHead | Start | BackUp | Stop | Drive | EStop | ResetEStop | ControlPlayback | Shutdown
 
 
 @dataclass(frozen=True, slots=True)

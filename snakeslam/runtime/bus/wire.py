@@ -8,9 +8,7 @@ from dataclasses import dataclass
 from snakeslam.backends.sim.shot import Shot
 from snakeslam.calibration import SensorRig
 from snakeslam.messages import (
-    GaitCommand,
     GroundTruth,
-    HeadCommand,
     Health,
     ImuSample,
     JointState,
@@ -18,23 +16,17 @@ from snakeslam.messages import (
     PoseEstimate,
 )
 from snakeslam.robot.model import RobotSettings
+from snakeslam.runtime.bus.commands import RobotCommand
 
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """A command on its way to the robot: the ``number``-th of its ``sender``, ``kind`` the name of its type."""
+    """A command on its way to the robot: the ``number``-th of its ``sender``."""
 
     sender: str
     number: int
     stamp_ns: int
-    kind: str
-    gait: GaitCommand | None = None
-    head: HeadCommand | None = None
-    reason: str | None = None
-    drive: float = 0.0
-    turn: float = 0.0
-    hand: str = ""
-    begins: bool = False
+    command: RobotCommand
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,11 +16,10 @@ from snakeslam.garbage import collect_seldom
 from snakeslam.runtime.assembly.build import build_backend, build_control, build_simulator
 from snakeslam.runtime.assembly.spec import SessionSpec
 from snakeslam.runtime.bus.bus import Bus
-from snakeslam.runtime.bus.codec import WireError
+from snakeslam.runtime.bus.commands import EStop
 from snakeslam.runtime.bus.link import Link
-from snakeslam.runtime.bus.orders import command_of
 from snakeslam.runtime.bus.shapes import robot_sizes
-from snakeslam.runtime.bus.topics import EXPOSURES, FRAMES, HELLO, ROBOT_EVENTS, ROBOT_STATE, SENSORS, EStop, Event
+from snakeslam.runtime.bus.topics import EXPOSURES, FRAMES, HELLO, ROBOT_EVENTS, ROBOT_STATE, SENSORS, Event
 from snakeslam.runtime.bus.wire import Beat, Exposure, Hello, Order
 from snakeslam.runtime.nodes.camera import camera_process
 from snakeslam.runtime.process.log_limit import LogLimit
@@ -116,13 +115,13 @@ class RobotNode:
         """Handle the E-stops that have come: all are latched before anything else is done with the first."""
         orders = drain(self._inbox.urgent)
         for order in orders:
-            if order.kind == EStop.__name__:
-                self._robot.safety.latch(order.reason or "E-stop")
+            if isinstance(order.command, EStop):
+                self._robot.safety.latch(order.command.reason)
         for order in orders:
-            if order.kind == EStop.__name__:
+            if isinstance(order.command, EStop):
                 self._guarded("an E-stop", partial(self._obey, order))
             else:
-                self._drop(f"{order.kind!r} is no E-stop")
+                self._drop(f"{type(order.command).__name__} is no E-stop")
         if orders:
             self.report()
 
@@ -149,14 +148,9 @@ class RobotNode:
             self._note_progress(beat)
 
     def _obey(self, order: Order) -> None:
-        try:
-            command = command_of(order)
-        except WireError as error:
-            self._drop(str(error))
-            return
         clock_ns = monotonic_ns()
         order = replace(order, stamp_ns=self._time.of_stamp(order.stamp_ns, clock_ns))
-        self._robot.obey(order, command, self._time.at(clock_ns))
+        self._robot.obey(order, self._time.at(clock_ns))
 
     def _drop(self, reason: str) -> None:
         left_out = self._limit.due("dropped")

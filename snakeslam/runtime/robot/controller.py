@@ -8,14 +8,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import structlog
+from msgspec import structs
 
 from snakeslam.backends.base import Backend
 from snakeslam.config import Config
 from snakeslam.control import Control
 from snakeslam.errors import InputError
 from snakeslam.gaits.advance import advance_notice
-from snakeslam.gaits.catalogue import resolve
-from snakeslam.gaits.command import commanded_gait, configured_gait
+from snakeslam.gaits.command import configured_gait
 from snakeslam.messages import (
     CameraFrame,
     GaitCommand,
@@ -26,19 +26,8 @@ from snakeslam.messages import (
     Packet,
     PoseEstimate,
 )
-from snakeslam.runtime.bus.topics import (
-    BackUp,
-    Command,
-    Drive,
-    EStop,
-    Event,
-    ResetEStop,
-    RobotState,
-    SetGait,
-    SetHead,
-    Start,
-    Stop,
-)
+from snakeslam.runtime.bus.commands import BackUp, Drive, EStop, ResetEStop, RobotCommand, SetGait, SetHead, Start, Stop
+from snakeslam.runtime.bus.topics import Event, RobotState
 from snakeslam.runtime.bus.wire import Estimate, Order, Sensors
 from snakeslam.runtime.process.log_limit import LogLimit, error_words
 from snakeslam.runtime.process.pacing import Pacer
@@ -86,7 +75,6 @@ class Robot:
         self.backend, self.boot = backend, boot
         self.t_start_ns = backend.t_ns
         self._model, self._control, self._put = backend.model, control, say
-        self._configured = config.gait
         self.safety = Safety(self._model.limits, LOST if required is None else required, estop_reason)
         self._gait = configured_gait(config.gait)
         self._governor = build_governor(config)
@@ -116,15 +104,16 @@ class Robot:
         """How many joints the robot has."""
         return self._model.joint_count
 
-    def obey(self, order: Order, command: Command, now_ns: int) -> str | None:
-        """Obey a command at once, or return why not; the next joint target already does.
+    def obey(self, order: Order, now_ns: int) -> str | None:
+        """Obey an order at once, or return why not; the next joint target already does.
 
         An error on the way is a hold, and the answer says so.
         """
+        command = order.command
         if isinstance(command, Drive):
-            command = replace(command, hand=f"{order.sender}/{command.hand}")
+            command = structs.replace(command, deadman=f"{order.sender}/{command.deadman}")
         try:
-            refusal = self.safety.judge(order, command, now_ns) or self.take(command, now_ns)
+            refusal = self.safety.judge(order, now_ns) or self.take(command, now_ns)
         except Exception as error:  # noqa: BLE001
             self.fault(command_words(command), error)
             refusal = f"it failed: {error_words(error)}"
@@ -134,30 +123,31 @@ class Robot:
             self._say("error", f"{command_words(command)} refused: {refusal}")
         return refusal
 
-    def take(self, command: Command, now_ns: int) -> str | None:
+    def take(self, command: RobotCommand, now_ns: int) -> str | None:
         """Do what is commanded; return why it cannot be, and change nothing then."""
         try:
             return self._do(command, now_ns)
         except InputError as error:
             return str(error)
 
-    def _do(self, command: Command, now_ns: int) -> str | None:
-        if isinstance(command, EStop):
-            self.estop(command.reason)
-        elif isinstance(command, ResetEStop):
-            self._reset()
-        elif isinstance(command, SetGait):
-            self._command(self._gait.drive, command.gait)
-        elif isinstance(command, SetHead):
-            self._set_head(command.head)
-        elif isinstance(command, Start):
-            return self._start(now_ns)
-        elif isinstance(command, BackUp):
-            return self._back_up(now_ns)
-        elif isinstance(command, Drive):
-            return self._drive(command, now_ns)
-        elif isinstance(command, Stop):
-            self._stop()
+    def _do(self, command: RobotCommand, now_ns: int) -> str | None:
+        match command:
+            case EStop(reason):
+                self.estop(reason)
+            case ResetEStop():
+                self._reset()
+            case SetGait(gait):
+                self._command(self._gait.drive, gait)
+            case SetHead(head):
+                self._set_head(head)
+            case Start():
+                return self._start(now_ns)
+            case BackUp():
+                return self._back_up(now_ns)
+            case Drive():
+                return self._drive(command, now_ns)
+            case Stop():
+                self._stop()
         return None
 
     def hear(self, estimate: Estimate) -> None:
@@ -307,10 +297,10 @@ class Robot:
         """Move as the operator's hand says, for as long as it goes on saying so; 0 lets go."""
         self._autostart_ns = None
         if command.drive == 0.0:
-            self.safety.driving.let_go(command.hand)
+            self.safety.driving.let_go(command.deadman)
             self._stop(command.turn)
             return None
-        refusal = self.safety.may_drive(command.hand, command.begins, now_ns)
+        refusal = self.safety.may_drive(command.deadman, command.begins, now_ns)
         if refusal is not None:
             return refusal
         if (command.drive, command.turn) != (self._gait.drive, self._gait.turn):
@@ -319,7 +309,7 @@ class Robot:
             self._held = None
             self._blindness.start(self.backend.t_ns)
             self._say("info", f"start {self._gait.gait}")
-        self.safety.drive(command.hand, now_ns)
+        self.safety.drive(command.deadman, now_ns)
         return None
 
     def _stop(self, turn: float | None = None) -> None:
@@ -355,7 +345,7 @@ class Robot:
 
     def _judge_gait(self) -> None:
         """Take the gait's period and what the operator should know of it."""
-        gait = resolve(commanded_gait(self._gait, self._configured), self._model)
+        gait = self._control.commanded
         self._notice = advance_notice(gait)
         self._period_s = 2.0 * np.pi / gait.omega
 
@@ -374,10 +364,10 @@ class Robot:
                 _log.error("event not sent", text=text, reason=error_words(error))
 
 
-def command_words(command: Command) -> str:
+def command_words(command: RobotCommand) -> str:
     """Return what a command is called."""
     names: dict[type, str] = {
         SetGait: "the gait", SetHead: "the head", Start: "the start", BackUp: "the back-up", Stop: "the stop",
         Drive: "the drive", EStop: "the E-stop", ResetEStop: "the reset",
     }  # fmt: skip
-    return names.get(type(command), type(command).__name__)
+    return names[type(command)]

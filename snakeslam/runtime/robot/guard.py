@@ -62,7 +62,7 @@ class Guard:
 
     def latch(self, reason: str) -> None:
         """E-stop: stop and hold; the first reason stays."""
-        self._reason = self._reason or reason
+        self._reason = self._reason or reason or "E-stop"
         self.hold(self._reason)
 
     def hold(self, reason: str) -> None:

@@ -1,10 +1,13 @@
 """Which commands the robot takes: fresh, in order, and made of numbers. What can only stop it is always taken."""
 
 import math
-from dataclasses import fields
+from dataclasses import fields, is_dataclass
 from typing import Any
 
-from snakeslam.runtime.bus.topics import Command, Drive, EStop, Stop
+from msgspec import Struct
+from msgspec.structs import astuple
+
+from snakeslam.runtime.bus.commands import Drive, EStop, Stop
 from snakeslam.runtime.bus.wire import Order
 
 STALE_NS = 300_000_000
@@ -20,17 +23,18 @@ class Intake:
     def __init__(self) -> None:
         self._last: dict[str, int] = {}
 
-    def judge(self, order: Order, command: Command, now_ns: int) -> str | None:
+    def judge(self, order: Order, now_ns: int) -> str | None:
         """Return why ``order`` is dropped, None when it is to be obeyed.
 
         An order that is late, early, overtaken by a later one of its sender, or not finite is dropped. An E-stop, a
         stop and a drive that is let go are obeyed however late they come.
         """
+        command = order.command
         overtaken = order.number <= self._last.get(order.sender, 0)
         self._note(order)
         if isinstance(command, EStop | Stop):
             return None
-        if not order_is_finite(command):
+        if not is_finite(command):
             return "it has a value that is no number"
         if isinstance(command, Drive) and command.drive == 0.0:
             return None
@@ -55,10 +59,12 @@ def when_wrong(stamp_ns: int, now_ns: int) -> str | None:
     return None
 
 
-def order_is_finite(command: Any) -> bool:
+def is_finite(command: Any) -> bool:
     """Whether every number in ``command`` is one."""
     if isinstance(command, float):
         return math.isfinite(command)
-    if hasattr(type(command), "__dataclass_fields__"):
-        return all(order_is_finite(getattr(command, field.name)) for field in fields(command))
+    if isinstance(command, Struct):
+        return all(map(is_finite, astuple(command)))
+    if is_dataclass(command):
+        return all(is_finite(getattr(command, field.name)) for field in fields(command))
     return True

@@ -18,7 +18,7 @@ from collections.abc import Mapping
 
 from snakeslam.messages import Float, JointTarget
 from snakeslam.robot.limits import JointLimits
-from snakeslam.runtime.bus.topics import BackUp, Command, Drive, Start
+from snakeslam.runtime.bus.commands import BackUp, Drive, Start
 from snakeslam.runtime.bus.wire import Order
 from snakeslam.runtime.robot.driving import SILENT_HAND, Driving
 from snakeslam.runtime.robot.guard import Guard
@@ -82,9 +82,9 @@ class Safety:
         """Why the E-stop is latched; None when it is not."""
         return self.guard.reason
 
-    def judge(self, order: Order, command: Command, now_ns: int) -> str | None:
+    def judge(self, order: Order, now_ns: int) -> str | None:
         """Return why ``order`` is dropped; None when it is to be obeyed."""
-        refusal = self._intake.judge(order, command, now_ns)
+        command, refusal = order.command, self._intake.judge(order, now_ns)
         moves = isinstance(command, Start | BackUp) or (isinstance(command, Drive) and command.drive != 0.0)
         if refusal is None and moves and self._held_ns is not None and order.stamp_ns < self._held_ns:
             return BEFORE_THE_HOLD

@@ -13,6 +13,7 @@ from snakeslam.messages import MapChunk
 from snakeslam.robot.model import snake_model
 from snakeslam.runtime.assembly.spec import SessionSpec
 from snakeslam.runtime.bus.bus import Bus
+from snakeslam.runtime.bus.commands import Command, ControlPlayback, EStop, ResetEStop, Shutdown, Stop
 from snakeslam.runtime.bus.link import Link, unix_endpoint
 from snakeslam.runtime.bus.orders import Sender
 from snakeslam.runtime.bus.shapes import hello_sizes
@@ -28,17 +29,13 @@ from snakeslam.runtime.bus.topics import (
     SERVER_BEAT,
     SLAM_EVENTS,
     SLAM_STATE,
-    Command,
     Ended,
-    EStop,
     Event,
     Report,
-    ResetEStop,
     Restarting,
     RobotState,
     Silence,
     SlamState,
-    Stop,
 )
 from snakeslam.runtime.bus.wire import Beat, Hello
 from snakeslam.runtime.nodes.robot import run_robot
@@ -123,6 +120,8 @@ class NodesHost:
             if bus is None or (now_ns is None and not isinstance(command, EStop | Stop)):
                 raise BrokenPipeError("the robot has not been heard yet")
             age_ns = 0 if made_s is None else round((monotonic() - made_s) * 1e9)
+            if isinstance(command, ControlPlayback | Shutdown):
+                raise BrokenPipeError(f"a robot has no {type(command).__name__}")
             order = self._sender.order(command, (now_ns or 0) - age_ns)
             bus.publish(ESTOP if isinstance(command, EStop) else ORDERS, order)
             return order.number

@@ -8,7 +8,8 @@ from queue import SimpleQueue
 from typing import Any, Protocol
 
 from snakeslam.runtime.assembly.spec import SessionSpec
-from snakeslam.runtime.bus.topics import Command, Ended, Report, Shutdown
+from snakeslam.runtime.bus.commands import Command, Shutdown
+from snakeslam.runtime.bus.topics import Ended, Report
 from snakeslam.runtime.process.log_limit import error_words
 from snakeslam.runtime.session.recording import start_session
 

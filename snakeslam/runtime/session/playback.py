@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from snakeslam.messages import Float
 from snakeslam.robot.kinematics import link_poses_from_imu
 from snakeslam.robot.model import SnakeModel
-from snakeslam.runtime.bus.topics import ControlPlayback, Features, PlaybackState, SlamState
+from snakeslam.runtime.bus.commands import ControlPlayback
+from snakeslam.runtime.bus.topics import Features, PlaybackState, SlamState
 
 NS = 1e-9
 SLACK_S = 0.5

@@ -20,17 +20,8 @@ from snakeslam.errors import SnakeslamError
 from snakeslam.messages import CameraFrame, Float, JointState, JointTarget, Packet
 from snakeslam.runtime.assembly.build import build_slam, mode_for
 from snakeslam.runtime.assembly.spec import SessionSpec
-from snakeslam.runtime.bus.topics import (
-    Answer,
-    Command,
-    ControlPlayback,
-    Ended,
-    Event,
-    Features,
-    Report,
-    RobotState,
-    Shutdown,
-)
+from snakeslam.runtime.bus.commands import Command, ControlPlayback, Shutdown
+from snakeslam.runtime.bus.topics import Answer, Ended, Event, Features, Report, RobotState
 from snakeslam.runtime.process.priority import go_along
 from snakeslam.runtime.session import compose
 from snakeslam.runtime.session.lockstep import Loop

@@ -11,6 +11,7 @@ import numpy as np
 from server.body import body_links, heading_rad
 from server.lease import Desk
 from server.live import Live, View
+from snakeslam.gaits.catalogue import PARAMETER_KINDS
 from snakeslam.head.settings import HeadSettings
 from snakeslam.messages import Float, GaitCommand, Health, Verdict
 from snakeslam.robot.model import snake_model
@@ -26,10 +27,7 @@ def gait_json(gait: GaitCommand) -> Json:
         "name": gait.gait,
         "drive": gait.drive,
         "turn": gait.turn,
-        "alpha_pi": gait.alpha_pi,
-        "wavelength_joints": gait.wavelength_joints,
-        "period_s": gait.period_s,
-        "amplitude_deg": gait.amplitude_deg,
+        **{key: gait.parameters.get(key) for key in PARAMETER_KINDS},
     }
 
 

@@ -3,7 +3,7 @@
 Arrays are made read-only; times are integer nanoseconds; frames and units are in the names (CONTRIBUTING.md).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
@@ -74,7 +74,7 @@ Packet = ImuSample | CameraFrame | JointState
 
 @dataclass(frozen=True, slots=True)
 class GaitCommand:
-    """What the operator asks for; a parameter that is None takes the configured value.
+    """What the operator asks for; a parameter that is not among ``parameters`` takes the configured value.
 
     ``drive`` in [-1, 1] scales the gait's rate (0 holds), ``turn`` in [-1, 1] is positive to the left.
     """
@@ -83,10 +83,7 @@ class GaitCommand:
     gait: str
     drive: float = 1.0
     turn: float = 0.0
-    alpha_pi: float | None = None
-    wavelength_joints: float | None = None
-    period_s: float | None = None
-    amplitude_deg: float | None = None
+    parameters: dict[str, float] = field(default_factory=dict[str, float])
 
 
 @dataclass(frozen=True, slots=True)

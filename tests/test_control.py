@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from snakeslam.control import Control
 from snakeslam.errors import InputError
-from snakeslam.gaits.catalogue import CATALOGUE, GaitSettings, resolve
+from snakeslam.gaits.catalogue import GAITS, GaitSettings, resolve
 from snakeslam.gaits.posture import posed_angles
 from snakeslam.head.settings import HeadSettings
 from snakeslam.messages import GaitCommand, HeadCommand, JointState
@@ -21,11 +21,10 @@ STEP_NS = 10_000_000
 commands = st.builds(
     GaitCommand,
     t_ns=st.just(0),
-    gait=st.sampled_from(list(CATALOGUE)),
+    gait=st.sampled_from(list(GAITS)),
     drive=st.floats(-1, 1),
     turn=st.floats(-1, 1),
-    alpha_pi=st.floats(0.05, 0.7),
-    period_s=st.floats(2.5, 8),
+    parameters=st.fixed_dictionaries({"alpha_pi": st.floats(0.05, 0.7), "period_s": st.floats(2.5, 8)}),
 )
 
 
@@ -42,7 +41,7 @@ CONTROLLERS = ("none", "direction", "position", "predictive")
 
 def _held(controller="predictive", **gait):
     control = Control(MODEL, GaitSettings(**gait), HeadSettings(controller=controller))
-    control.command(GaitCommand(0, "serpentine", **gait))
+    control.command(GaitCommand(0, "serpentine", parameters=gait))
     return control
 
 
@@ -109,7 +108,7 @@ def test_parameters_of_the_configured_gait_hold_for_it_alone():
     commands = {
         "serpentine": (GaitCommand(0, "serpentine"), configured),
         "pedal": (GaitCommand(0, "pedal"), GaitSettings(name="pedal")),
-        "changed": (GaitCommand(0, "serpentine", alpha_pi=0.2), GaitSettings(alpha_pi=0.2, period_s=8)),
+        "changed": (GaitCommand(0, "serpentine", parameters={"alpha_pi": 0.2}), GaitSettings(alpha_pi=0.2, period_s=8)),
     }
     for command, expected in commands.values():
         control = Control(MODEL, configured, HeadSettings(controller="none"))
@@ -136,9 +135,9 @@ def test_a_bad_command_is_refused_in_one_line_and_changes_nothing():
         one.command(GaitCommand(0, "serpentine"))
     for bad, text in (
         (GaitCommand(0, "walking"), r"gait.name"),
-        (GaitCommand(0, "serpentine", period_s=-1.0), r"gait.period_s"),
-        (GaitCommand(0, "serpentine", period_s=float("nan")), r"gait.period_s"),
-        (GaitCommand(0, "serpentine", alpha_pi=0.7, period_s=0.6), r"gait.period_s.*too fast"),
+        (GaitCommand(0, "serpentine", parameters={"period_s": -1.0}), r"gait.period_s"),
+        (GaitCommand(0, "serpentine", parameters={"period_s": float("nan")}), r"gait.period_s"),
+        (GaitCommand(0, "serpentine", parameters={"alpha_pi": 0.7, "period_s": 0.6}), r"gait.period_s.*too fast"),
     ):
         with pytest.raises(InputError, match=text) as caught:
             control.command(bad)
@@ -176,11 +175,11 @@ def test_switching_head_controllers_at_any_phase_is_no_jump(wanted):
 def test_drive_0_holds_still_under_feedback_and_goes_on(wanted):
     control = _held(alpha_pi=0.5)
     moving = _sensed(control, 300)
-    control.command(GaitCommand(0, "serpentine", drive=0.0, alpha_pi=0.5))
+    control.command(GaitCommand(0, "serpentine", drive=0.0, parameters={"alpha_pi": 0.5}))
     _sensed(control, 60, 300)
     still = _sensed(control, 200, 360)
     np.testing.assert_allclose(still, np.broadcast_to(still[0], still.shape), atol=1e-9)
-    control.command(GaitCommand(0, "serpentine", alpha_pi=0.5))
+    control.command(GaitCommand(0, "serpentine", parameters={"alpha_pi": 0.5}))
     onward = _sensed(control, 200, 560)
     assert np.max(np.abs(onward[0] - still[-1])) < 0.01
     assert np.max(np.abs(onward[-1] - still[-1])) > 0.2
@@ -191,7 +190,7 @@ def test_drive_0_holds_still_under_feedback_and_goes_on(wanted):
 def test_reversing_under_feedback_runs_the_wave_back(wanted):
     control = _held(alpha_pi=0.3)
     forward = _sensed(control, 400)
-    control.command(GaitCommand(0, "serpentine", drive=-1.0, alpha_pi=0.3))
+    control.command(GaitCommand(0, "serpentine", drive=-1.0, parameters={"alpha_pi": 0.3}))
     back = _sensed(control, 500, 400)
     assert np.max(np.abs(back)) <= np.max(np.abs(forward)) + 0.2
     assert np.max(np.abs(np.diff(np.array(wanted), 2, axis=0))) / 0.01**2 < MODEL.limits.acceleration_rad_s2
@@ -212,7 +211,7 @@ def test_predictive_without_any_sensor_stays_bounded(alpha_pi):
     np.testing.assert_allclose(period[0], period[-1], atol=0.2)
 
 
-@pytest.mark.parametrize("name", [name for name in CATALOGUE if name != "serpentine"])
+@pytest.mark.parametrize("name", [name for name in GAITS if name != "serpentine"])
 def test_another_gait_and_back_under_predictive_control_is_smooth(name, wanted):
     """By the model alone: where nothing answers, estimates that stand still would be an error that grows."""
     control, parts, start = _held(alpha_pi=0.3), [], 0
@@ -251,7 +250,7 @@ def test_a_head_that_the_gait_cannot_have_is_refused_and_changes_nothing():
     deep = _held("position", alpha_pi=0.1)
     deep.command_head(HeadCommand(0, neck_joints=2))
     with pytest.raises(InputError, match=r"head.neck_joints"):
-        deep.command(GaitCommand(0, "serpentine", alpha_pi=0.7))
+        deep.command(GaitCommand(0, "serpentine", parameters={"alpha_pi": 0.7}))
     assert control.head == untouched.head
     np.testing.assert_array_equal(_run(control, 100), _run(untouched, 100))
 

@@ -10,8 +10,9 @@ from server.deps import Rooms, Who
 from server.live import Live
 from server.problem import Problem
 from server.state import gait_json
-from snakeslam.gaits.catalogue import CatalogueEntry, GaitName, GaitSettings, catalogue_for, resolve
+from snakeslam.gaits.catalogue import GAITS, GaitName, GaitSettings, resolve
 from snakeslam.gaits.command import commanded_gait
+from snakeslam.gaits.gait import Gait
 from snakeslam.messages import GaitCommand
 from snakeslam.robot.model import SnakeModel, snake_model
 from snakeslam.runtime.bus.commands import SetGait, Stop
@@ -31,8 +32,8 @@ class GaitRequest(GaitSettings):
 @router.get("/gait")
 async def get_gait(house: Rooms) -> dict[str, Any]:
     """The gait as it is, and all there are."""
-    entries = catalogue_for(_model(house.live)).values()
-    return {"current": gait_json(house.live.gait()), "catalogue": [_entry_json(entry) for entry in entries]}
+    model = _model(house.live)
+    return {"current": gait_json(house.live.gait()), "catalogue": [_entry_json(gait, model) for gait in GAITS.values()]}
 
 
 @router.put("/gait")
@@ -84,33 +85,25 @@ def _model(live: Live) -> SnakeModel:
 
 
 def _command(settings: GaitSettings, turn: float) -> GaitCommand:
-    return GaitCommand(
-        t_ns=0,
-        gait=settings.name,
-        turn=turn,
-        alpha_pi=settings.alpha_pi,
-        wavelength_joints=settings.wavelength_joints,
-        period_s=settings.period_s,
-        amplitude_deg=settings.amplitude_deg,
-    )
+    return GaitCommand(t_ns=0, gait=settings.name, turn=turn, parameters=settings.given())
 
 
-def _entry_json(entry: CatalogueEntry) -> dict[str, Any]:
+def _entry_json(gait: Gait, model: SnakeModel) -> dict[str, Any]:
     return {
-        "name": entry.name,
-        "title": entry.title,
-        "summary": entry.summary,
-        "turns": entry.turns,
+        "name": gait.name,
+        "title": gait.title,
+        "summary": gait.summary,
+        "turns": gait.turns,
         "parameters": [
             {
                 "key": parameter.key,
-                "label": parameter.label,
-                "unit": parameter.unit,
+                "label": parameter.kind.label,
+                "unit": parameter.kind.unit,
                 "min": parameter.minimum,
                 "max": parameter.maximum,
-                "step": parameter.step,
+                "step": parameter.kind.step,
                 "default": parameter.default,
             }
-            for parameter in entry.parameters
+            for parameter in gait.parameters_for(model)
         ],
     }

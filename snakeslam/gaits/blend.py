@@ -10,7 +10,7 @@ from typing import Protocol
 
 import numpy as np
 
-from snakeslam.gaits.catalogue import ResolvedGait
+from snakeslam.gaits.gait import ResolvedGait
 from snakeslam.gaits.posture import posed_angles
 from snakeslam.messages import Float
 from snakeslam.robot.model import SnakeModel

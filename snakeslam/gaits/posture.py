@@ -8,7 +8,7 @@ rolling helix, which keeps its head low.
 
 import numpy as np
 
-from snakeslam.gaits.catalogue import ResolvedGait
+from snakeslam.gaits.gait import ResolvedGait
 from snakeslam.gaits.parametric import joint_angles, joint_slopes
 from snakeslam.messages import Float
 from snakeslam.robot.model import HEAD_RAISE_RAD, SnakeModel

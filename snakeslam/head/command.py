@@ -5,7 +5,7 @@ import math
 from pydantic import ValidationError
 
 from snakeslam.errors import InputError
-from snakeslam.gaits.catalogue import ResolvedGait
+from snakeslam.gaits.gait import ResolvedGait
 from snakeslam.head.catalogue import HEAD_CATALOGUE
 from snakeslam.head.laws import check
 from snakeslam.head.settings import HeadController, HeadSettings

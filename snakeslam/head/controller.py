@@ -3,7 +3,7 @@
 import numpy as np
 
 from snakeslam.gaits.blend import GaitBlend, Shape
-from snakeslam.gaits.catalogue import ResolvedGait
+from snakeslam.gaits.gait import ResolvedGait
 from snakeslam.head.attitude import HeadAttitude
 from snakeslam.head.laws import HeadShape, feeds_back, steers_head
 from snakeslam.head.level import LevelNeck

@@ -1,7 +1,7 @@
 """The closed-form head controllers as shapes of the whole body: a gait and its phase in, joint angles out.
 
-They hold for the serpentine gait; every other gait keeps its own angles. The gait of Eq. (1) winds as the heading
-phi(s) = -alpha cos(b s + sigma), the mirror image of the paper's, with alpha = A_o / (2 sin(b l0)).
+They hold for a gait that winds as a serpenoid curve; every other gait keeps its own angles. The gait of Eq. (1) winds
+as the heading phi(s) = -alpha cos(b s + sigma), the mirror image of the paper's, with alpha = A_o / (2 sin(b l0)).
 """
 
 from contextlib import suppress
@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from snakeslam.errors import InputError
-from snakeslam.gaits.catalogue import ResolvedGait
+from snakeslam.gaits.gait import ResolvedGait
 from snakeslam.gaits.posture import posed_angles
 from snakeslam.gaits.serpenoid import alpha_from_amplitude
 from snakeslam.head import direction, position
@@ -58,12 +58,12 @@ class HeadShape:
 
 def steers_head(gait: ResolvedGait) -> bool:
     """Return whether the closed forms hold for this gait: they are made for the serpenoid curve."""
-    return gait.name == "serpentine"
+    return gait.kind.head_form == "line"
 
 
 def feeds_back(controller: HeadController, gait: ResolvedGait) -> bool:
-    """Return whether the neck follows the estimate in this gait; a rolling arc carries its head by the gait's phase."""
-    return controller == "predictive" and gait.name != "arc_rolling"
+    """Return whether the neck follows the estimate in this gait; some gaits carry it by their phase."""
+    return controller == "predictive" and gait.kind.head_form != "carried"
 
 
 def effect(controller: HeadController, gait: ResolvedGait) -> str:

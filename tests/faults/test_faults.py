@@ -165,7 +165,7 @@ def test_a_frozen_robot_is_told_and_does_nothing_late_when_it_thaws(moving: Site
 def test_an_estop_latches_at_once_under_a_flood_of_commands(moving: Site) -> None:
     nodes = moving.nodes
     for k in range(2000):
-        last = nodes.order(SetGait(GaitCommand(0, "serpentine", alpha_pi=0.3 + 0.0001 * (k % 100))))
+        last = nodes.order(SetGait(GaitCommand(0, "serpentine", parameters={"alpha_pi": 0.3 + 0.0001 * (k % 100)})))
         if k == 1000:
             stop = nodes.order(EStop("under flood"))
     wait_for(lambda: nodes.answered(stop) is None)
@@ -210,7 +210,7 @@ def test_what_must_not_be_obeyed_changes_nothing(moving: Site) -> None:
         ("old", other, now_ns - STALE_NS),
         ("future", other, now_ns + 10**10),
         ("no number", SetGait(GaitCommand(0, "sidewinding", turn=float("nan"))), None),
-        ("no number", SetGait(GaitCommand(0, "sidewinding", period_s=float("inf"))), None),
+        ("no number", SetGait(GaitCommand(0, "sidewinding", parameters={"period_s": float("inf")})), None),
         ("no number", Drive(float("nan")), None),
         ("old", Drive(-1.0), now_ns - STALE_NS),
     ):
@@ -243,7 +243,7 @@ def test_every_target_keeps_within_the_limits_of_the_joints(moving: Site) -> Non
     limits = PRESETS["orthogonal24"].limits
     since_ns = time.monotonic_ns()
     for name in ("sidewinding", "arc_rolling", "pedal", "serpentine"):
-        nodes.answered(nodes.order(SetGait(GaitCommand(0, name, period_s=2.0))))
+        nodes.answered(nodes.order(SetGait(GaitCommand(0, name, parameters={"period_s": 2.0}))))
         nodes.wait_moving()
     nodes.answered(nodes.order(EStop("limits")))
     nodes.wait_still()

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from snakeslam.gaits.blend import GaitBlend, PlainShape
-from snakeslam.gaits.catalogue import CATALOGUE, GaitSettings, resolve
+from snakeslam.gaits.catalogue import GAITS, GaitSettings, resolve
 from snakeslam.gaits.posture import posed_angles
 from snakeslam.head.laws import HeadShape
 from snakeslam.head.neck import neck_of
@@ -21,7 +21,7 @@ command = st.tuples(
         st.just(DEEPEST),
         st.builds(
             GaitSettings,
-            name=st.sampled_from(list(CATALOGUE)),
+            name=st.sampled_from(list(GAITS)),
             period_s=st.floats(2, 8),
             wavelength_joints=st.floats(14, 30),
         ),
@@ -52,7 +52,7 @@ def test_no_sequence_of_commands_plans_a_step_or_more_than_the_joints_can(comman
 
 
 def test_without_drive_nothing_moves_whatever_is_chosen():
-    angles, blend = _play([(GaitSettings(name=name), 1.0, 0.0, 50) for name in CATALOGUE])
+    angles, blend = _play([(GaitSettings(name=name), 1.0, 0.0, 50) for name in GAITS])
     np.testing.assert_allclose(angles, np.broadcast_to(MODEL.rest_q_rad, angles.shape), atol=1e-12)
     assert blend.pace == 0.0
 

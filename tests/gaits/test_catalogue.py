@@ -6,7 +6,7 @@ from pydantic import ValidationError
 
 from snakeslam.errors import InputError
 from snakeslam.gaits import serpenoid
-from snakeslam.gaits.catalogue import CATALOGUE, GaitSettings, catalogue_for, resolve
+from snakeslam.gaits.catalogue import GAITS, GaitSettings, resolve
 from snakeslam.robot.model import PRESETS
 
 SIM, PROTOTYPE = PRESETS["sim35"], PRESETS["orthogonal24"]
@@ -33,9 +33,9 @@ def test_the_defaults_are_those_of_the_table():
 
 
 @pytest.mark.parametrize("model", [SIM, PROTOTYPE])
-@pytest.mark.parametrize("name", list(CATALOGUE))
+@pytest.mark.parametrize("name", list(GAITS))
 def test_every_slider_of_the_page_is_valid_at_both_ends_and_at_its_default(model, name):
-    for parameter in catalogue_for(model)[name].parameters:
+    for parameter in GAITS[name].parameters_for(model):
         assert parameter.minimum <= parameter.default <= parameter.maximum
         for value in (parameter.minimum, parameter.default, parameter.maximum):
             GaitSettings(name=name, **{parameter.key: value})
@@ -62,7 +62,7 @@ def test_what_the_joints_cannot_do_is_refused_with_what_they_can():
 def test_turning_offsets_the_yaw_joints_or_tapers_and_leaves_rolling_alone():
     assert resolve(GaitSettings(), SIM, turn=1.0).shape.beta_o > 0.0
     assert resolve(GaitSettings(name="sidewinding"), SIM, turn=1.0).shape.taper < 0.0
-    for name, entry in CATALOGUE.items():
+    for name, entry in GAITS.items():
         straight, turned = (resolve(GaitSettings(name=name), SIM, turn) for turn in (0.0, 1.0))
         assert (straight != turned) == entry.turns
         assert ("cannot turn" in entry.summary) == (not entry.turns)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from snakeslam.gaits.catalogue import CATALOGUE, GaitSettings, resolve
+from snakeslam.gaits.catalogue import GAITS, GaitSettings, resolve
 from snakeslam.gaits.parametric import joint_angles
 from snakeslam.gaits.posture import posed_angles
 from snakeslam.geometry import se3, so3
@@ -16,7 +16,7 @@ MODELS = [pytest.param(model, id=name) for name, model in PRESETS.items()]
 
 
 @pytest.mark.parametrize("model", MODELS)
-@pytest.mark.parametrize("name", list(CATALOGUE))
+@pytest.mark.parametrize("name", list(GAITS))
 def test_slopes_are_the_derivative_of_the_angles(model, name):
     gait, h = resolve(GaitSettings(name=name), model), 1e-6
     for sigma in (0.3, 2.0, 5.0):

@@ -130,7 +130,7 @@ def ride(
     """Drive the serpentine gait; ``sensors``: both, gyro or none; ``commands`` are (step, command) pairs."""
     head = HeadSettings(controller=controller, neck_joints=neck, friction_ratio=supposed)
     control = Control(FLAT, GaitSettings(alpha_pi=alpha_pi, period_s=PERIOD_S), head)
-    control.command(GaitCommand(0, "serpentine", alpha_pi=alpha_pi, period_s=PERIOD_S))
+    control.command(GaitCommand(0, "serpentine", parameters={"alpha_pi": alpha_pi, "period_s": PERIOD_S}))
     plane = Plane(ratio, lag_s)
     late, pose = deque(), None
     heads, targets = [], []

@@ -8,7 +8,7 @@ import pytest
 from snakeslam.config import Config
 from snakeslam.control import Control
 from snakeslam.errors import InputError
-from snakeslam.gaits.catalogue import CATALOGUE, GaitSettings, resolve
+from snakeslam.gaits.catalogue import GAITS, GaitSettings, resolve
 from snakeslam.head.laws import HeadShape, check, effect, feeds_back, largest_neck_angle, settled
 from snakeslam.head.neck import free_yaw_joints, neck_of
 from snakeslam.head.settings import HeadSettings
@@ -96,7 +96,7 @@ def test_a_raised_neck_keeps_its_posture():
 
 
 @pytest.mark.parametrize("model", PRESETS)
-@pytest.mark.parametrize("gait", CATALOGUE)
+@pytest.mark.parametrize("gait", GAITS)
 def test_the_default_head_control_is_predictive_and_no_gait_refuses_it(model, gait):
     """A gait that has no predictive control plays as without it, and the page says so."""
     config, robot = Config(), PRESETS[model]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from snakeslam.gaits.catalogue import CATALOGUE, GaitSettings, resolve
+from snakeslam.gaits.catalogue import GAITS, GaitSettings, resolve
 from snakeslam.gaits.posture import posed_angles
 from snakeslam.geometry import so3
 from snakeslam.robot.ground import GRAVITY_M_S2, level
@@ -28,7 +28,7 @@ def test_a_straight_body_rests_evenly_where_its_skin_is():
     np.testing.assert_allclose(ground.contacts_I[:, 2], Ts_IL[0, 2, 3] - MODEL.radius_m, atol=1e-9)
 
 
-@pytest.mark.parametrize("name", list(CATALOGUE))
+@pytest.mark.parametrize("name", list(GAITS))
 def test_loads_balance_the_weight_and_its_moment_in_every_gait(name):
     gait = resolve(GaitSettings(name=name), MODEL)
     for phase in np.linspace(0.3, 6.0, 7):

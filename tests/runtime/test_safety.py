@@ -67,7 +67,8 @@ def test_a_command_that_was_overtaken_or_comes_twice_is_dropped(number: int) -> 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("key", ["drive", "turn", "alpha_pi", "period_s"])
 def test_a_command_that_is_not_finite_is_dropped(bad: float, key: str) -> None:
-    command = SetGait(GaitCommand(0, "serpentine", **{key: bad}))
+    given = {key: bad} if key in ("drive", "turn") else {"parameters": {key: bad}}
+    command = SetGait(GaitCommand(0, "serpentine", **given))
     said = Safety(LIMITS, {}).judge(order(command), NOW)
     assert said is not None
     assert "no number" in said

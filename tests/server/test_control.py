@@ -3,6 +3,7 @@
 import httpx
 import pytest
 
+from snakeslam.gaits.catalogue import GAITS
 from tests.server.running import wait_for
 
 
@@ -31,9 +32,9 @@ def test_start_and_stop(client: httpx.Client) -> None:
     assert client.post("/api/v1/gait/stop").json()["moving"] is False
 
 
-def test_the_catalogue_has_the_five_gaits_with_ranges(client: httpx.Client) -> None:
+def test_the_catalogue_has_all_gaits_with_ranges(client: httpx.Client) -> None:
     catalogue = client.get("/api/v1/gait").json()["catalogue"]
-    assert [g["name"] for g in catalogue] == ["serpentine", "sidewinding", "arc_rolling", "helix_rolling", "pedal"]
+    assert [g["name"] for g in catalogue] == list(GAITS)
     for gait in catalogue:
         for parameter in gait["parameters"]:
             assert parameter["min"] <= parameter["default"] <= parameter["max"]

@@ -14,7 +14,6 @@ from snakeslam.backends.base import Backend
 from snakeslam.config import Config
 from snakeslam.control import Control
 from snakeslam.errors import InputError
-from snakeslam.gaits.advance import advance_notice
 from snakeslam.gaits.command import configured_gait
 from snakeslam.messages import (
     CameraFrame,
@@ -346,7 +345,7 @@ class Robot:
     def _judge_gait(self) -> None:
         """Take the gait's period and what the operator should know of it."""
         gait = self._control.commanded
-        self._notice = advance_notice(gait)
+        self._notice = gait.notice
         self._period_s = 2.0 * np.pi / gait.omega
 
     def _set_head(self, command: HeadCommand) -> None:

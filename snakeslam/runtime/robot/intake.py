@@ -63,6 +63,8 @@ def is_finite(command: Any) -> bool:
     """Whether every number in ``command`` is one."""
     if isinstance(command, float):
         return math.isfinite(command)
+    if isinstance(command, dict):
+        return all(map(is_finite, command.values()))
     if isinstance(command, Struct):
         return all(map(is_finite, astuple(command)))
     if is_dataclass(command):

@@ -2,7 +2,6 @@
 
 import pytest
 
-from snakeslam.gaits.advance import advance_notice
 from snakeslam.gaits.catalogue import GaitSettings, resolve
 from snakeslam.robot.model import PRESETS
 
@@ -10,7 +9,7 @@ MODEL = PRESETS["sim35"]
 
 
 def notice(**gait):
-    return advance_notice(resolve(GaitSettings(**gait), MODEL))
+    return resolve(GaitSettings(**gait), MODEL).notice
 
 
 def test_at_seven_tenths_pi_the_share_of_the_wave_is_told():

@@ -1,0 +1,1 @@
+"""One file for each gait, with the object ``GAIT``; every module of this package is a gait and is found by name."""

@@ -41,6 +41,7 @@ help:
 	@echo "make test   every test, the browser's included"
 	@echo "make check  ruff, pyright, import-linter, tsc"
 	@echo "make bench  budgets as figures"
+	@echo "make docs   the documentation as a site, artifacts/docs/index.html"
 	@echo "make fmt    format the code"
 	@echo "make lock   resolve requirements.lock anew"
 
@@ -102,6 +103,12 @@ bench: setup browser
 	$(BIN)/python -m bench live
 	$(BIN)/python -m bench estop 5
 	$(BIN)/python -m bench page
+
+# Built with what is installed: neither the build nor the pages need a network.
+.PHONY: docs
+docs: $(VENV)/.synced web/dist/index.html
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --clean -q
+	@echo "artifacts/docs/index.html"
 
 .PHONY: configs
 configs: $(VENV)/.synced

@@ -60,7 +60,7 @@ async def release(house: Rooms, who: Who) -> dict[str, Any]:
 
 @router.websocket("/teleop")
 async def teleop(socket: WebSocket, house: Rooms, who: Who) -> None:
-    """Drive input as JSON: hello with the lease's key, then pings and drives; see docs/operation.md."""
+    """Drive input as JSON: hello with the lease's key, then pings and drives; see docs/rest.md."""
     await house.sockets.serve("teleop", socket, who, house.teleop.serve)
 
 

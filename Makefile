@@ -69,7 +69,7 @@ web/dist/index.html: $(WEB_SOURCES) | $(VENV)/.synced
 	$(NPM) run --silent build
 	@touch $@
 
-# One second of a run compiles the loops under geometry/compiled.py, which its first user would wait 15 s for.
+# One second of a run compiles the numba loops (geometry/compiled.py); the first user would wait 15 s for them.
 COMPILED_SOURCES := $(shell grep -rl --include=*.py compiled snakeslam)
 $(VENV)/.compiled: $(COMPILED_SOURCES) $(VENV)/.synced | render-libraries
 	$(BIN)/snakeslam run configs/sim.yaml --set head.controller=predictive --duration 1 --out $(VENV)/.compiled.run >/dev/null

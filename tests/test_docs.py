@@ -1,7 +1,9 @@
 """The documents name what exists: every internal link, heading, picture, file and page of the site."""
 
+import os
 import re
 import subprocess
+import sys
 from functools import cache
 from pathlib import Path
 
@@ -73,3 +75,20 @@ def test_the_site_has_every_page() -> None:
     nav = yaml.safe_load(site[site.index("\nnav:") :])["nav"]
     listed = set(re.findall(r"[\w/-]+\.md", str(nav))) - {"contributing.md"}
     assert listed == {str(path.relative_to(ROOT / "docs")) for path in (ROOT / "docs").rglob("*.md")}
+
+
+def test_the_site_is_built_without_a_warning(tmp_path: Path) -> None:
+    """A formula that cannot be read, a broken reference to the code and a page that loads from elsewhere are errors."""
+    if not (ROOT / "web/node_modules/katex").exists():
+        pytest.skip("web/node_modules is not installed (make setup)")
+    done = subprocess.run(
+        [sys.executable, "-m", "mkdocs", "build", "--strict", "-q", "-d", tmp_path],
+        cwd=ROOT,
+        env={**os.environ, "NO_MKDOCS_2_WARNING": "1"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert not done.stderr
+    assert 'class="katex-display"' in (tmp_path / "estimator.html").read_text(encoding="utf-8")

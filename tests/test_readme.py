@@ -24,11 +24,11 @@ def commands(checkout: Path) -> list[list[str]]:
 
 @pytest.fixture
 def fresh(tmp_path: Path, checkout: Path) -> Path:
-    """A folder with what a clone has and a command needs, nothing that was made by one."""
+    """A folder with what a clone has after ``make setup``: the compiled loops too, but nothing that a command made."""
     for name in ("README.md", "pyproject.toml"):
         shutil.copy(checkout / name, tmp_path)
     for name in ("snakeslam", "server", "configs"):
-        shutil.copytree(checkout / name, tmp_path / name, ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copytree(checkout / name, tmp_path / name)
     return tmp_path
 
 

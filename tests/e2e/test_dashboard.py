@@ -78,7 +78,9 @@ def joint_travel(dashboard: Dashboard, seconds: float = 0.5) -> Travel:
     """Watch the joints for some simulated time."""
     headers = {"Authorization": f"Bearer {TOKEN}"}
     ticks: list[dict[str, Any]] = []
-    with connect(f"{dashboard.server.websocket}/api/v1/telemetry", additional_headers=headers) as socket:
+    with connect(
+        f"{dashboard.server.websocket}/api/v1/telemetry", close_timeout=0.5, additional_headers=headers
+    ) as socket:
         while not ticks or ticks[-1]["t_s"] - ticks[0]["t_s"] < seconds:
             raw = socket.recv(timeout=60)
             message = json.loads(raw) if isinstance(raw, str) else {}

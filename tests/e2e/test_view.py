@@ -52,7 +52,9 @@ def client(dashboard: Dashboard) -> Iterator[httpx.Client]:
 def body_centre(dashboard: Dashboard) -> np.ndarray:
     """Where the middle of the body is, from the next tick."""
     headers = {"Authorization": f"Bearer {TOKEN}"}
-    with connect(f"{dashboard.server.websocket}/api/v1/telemetry", additional_headers=headers) as socket:
+    with connect(
+        f"{dashboard.server.websocket}/api/v1/telemetry", close_timeout=0.5, additional_headers=headers
+    ) as socket:
         while True:
             raw = socket.recv(timeout=60)
             message: dict[str, Any] = json.loads(raw) if isinstance(raw, str) else {}

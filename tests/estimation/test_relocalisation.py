@@ -13,7 +13,7 @@ from snakeslam.estimation.health import HealthSettings
 from snakeslam.estimation.settings import EstimatorSettings
 from snakeslam.estimation.vio import relocalisation
 from snakeslam.estimation.vio.odometry import VisualInertialOdometry
-from snakeslam.estimation.vio.relocalisation import MOST_KEYFRAMES, Keyframes, Place
+from snakeslam.estimation.vio.relocalisation import MOST_KEYFRAMES, Keyframes, MeasuredPosition
 from snakeslam.geometry import numeric, so3
 from snakeslam.messages import CameraFrame, Float, Packet, Verdict
 from tests.estimation.wall import RIG, Wall
@@ -117,12 +117,12 @@ def test_only_so_many_sharp_pictures_with_depth_of_other_views_are_kept() -> Non
     frame, kept = first_frame(Wall()), Keyframes(SETTINGS, RIG.cam0, 0)
     away = np.array([1.01 * relocalisation.APART_M, 0.0, 0.0])
     for k in range(2 * MOST_KEYFRAMES):
-        kept.see(frame, features(), state_at(k * away))
-        kept.see(frame, features(), state_at((k + 0.5) * away))
+        kept.add(frame, features(), state_at(k * away))
+        kept.add(frame, features(), state_at((k + 0.5) * away))
         assert len(kept._kept) == min(k + 1, MOST_KEYFRAMES)
     kept.begin(1)
-    kept.see(first_frame(Wall(depth=False)), features(), state_at(away))
-    kept.see(frame, features(smear=0.1), state_at(away))
+    kept.add(first_frame(Wall(depth=False)), features(), state_at(away))
+    kept.add(frame, features(smear=0.1), state_at(away))
     assert not kept._kept
 
 
@@ -132,7 +132,7 @@ def test_a_place_is_found_to_the_millimetre_within_what_it_says() -> None:
     frames = [p for p in wall.packets(3.0) if isinstance(p, CameraFrame)]
     at = state_at(wall.pose(0.0)[:3, 3])
     at.cov[P, P] = np.zeros((3, 3))
-    kept.see(frames[0], features(), at)
+    kept.add(frames[0], features(), at)
     beside, nees, errors = np.eye(4), [], []
     beside[:3, 3] = 0.006
     for frame in frames[20:]:
@@ -150,7 +150,7 @@ def test_a_place_is_found_to_the_millimetre_within_what_it_says() -> None:
 def test_jacobian_of_the_rows(rng: np.random.Generator) -> None:
     T_WI = np.eye(4)
     T_WI[:3, :3], T_WI[:3, 3] = so3.exp(rng.normal(size=3)), rng.normal(size=3)
-    rows = Place(T_WI, np.diag([1e-4, 2e-4, 3e-4]), np.zeros((3, 3)))
+    rows = MeasuredPosition(T_WI, np.diag([1e-4, 2e-4, 3e-4]), np.zeros((3, 3)))
 
     def residual(d: Float) -> Float:
         moved = state_at(np.ones(3))

@@ -122,7 +122,7 @@ def test_a_stranger_may_not(server: Running) -> None:
 def test_the_telemetry_carries_the_same(server: Running, client: httpx.Client) -> None:
     client.put(HEAD, json={"controller": "predictive", "neck_joints": 4}).raise_for_status()
     headers = {"Authorization": f"Bearer {TOKEN}"}
-    with connect(f"{server.websocket}/api/v1/telemetry", additional_headers=headers) as stream:
+    with connect(f"{server.websocket}/api/v1/telemetry", close_timeout=0.5, additional_headers=headers) as stream:
         first = json.loads(stream.recv(timeout=30))
         tick = {"type": None}
         while tick["type"] != "tick":

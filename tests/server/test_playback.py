@@ -144,7 +144,9 @@ def test_another_source_begins_with_nothing_of_the_one_before(playing: httpx.Cli
     wait_for(lambda: playing.get("/api/v1/map").json()["points"] > 0)
     number = state(playing)["session_number"]
     headers = {"Authorization": f"Bearer {TOKEN}"}
-    with connect(f"{server.websocket}/api/v1/telemetry", additional_headers=headers, max_size=None) as socket:
+    with connect(
+        f"{server.websocket}/api/v1/telemetry", close_timeout=0.5, additional_headers=headers, max_size=None
+    ) as socket:
         playing.post("/api/v1/sim/start", timeout=START_S).raise_for_status()
         assert playing.get("/api/v1/map").json()["points"] == 0 or state(playing)["session"] == "running"
         while True:

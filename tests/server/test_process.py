@@ -58,7 +58,7 @@ def test_it_ends_at_once_with_open_websockets_and_leaves_nobody(begin: Callable[
     assert private.stat().st_mode & 0o777 == 0o600
     assert private.parent.stat().st_mode & 0o777 == 0o700
     url = f"{running.websocket}/api/v1/telemetry"
-    with connect(url, additional_headers={"Authorization": f"Bearer {TOKEN}"}) as stream:
+    with connect(url, close_timeout=0.5, additional_headers={"Authorization": f"Bearer {TOKEN}"}) as stream:
         stream.recv(timeout=30)
         # A server that waited for its clients would not end at all.
         assert running.stop(signal.SIGINT) == 0
@@ -74,7 +74,7 @@ def test_it_brings_the_robot_to_a_hold_before_it_ends(begin: Callable[..., Runni
     url = f"{running.websocket}/api/v1/telemetry"
     with (
         running.client() as client,
-        connect(url, additional_headers=bearer) as stream,
+        connect(url, close_timeout=0.5, additional_headers=bearer) as stream,
         suppress(ConnectionClosed),
     ):
         client.put("/api/v1/gait", json={"name": "serpentine", "period_s": 2.5}).raise_for_status()

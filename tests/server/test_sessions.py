@@ -71,7 +71,9 @@ def open_sockets(running: Running, cookie: str, stack: ExitStack) -> list[Client
     def opened(path: str, protocol: str | None = None) -> ClientConnection:
         protocols = None if protocol is None else [Subprotocol(protocol)]
         url, headers = running.websocket + path, {"Cookie": cookie}
-        return stack.enter_context(connect(url, additional_headers=headers, subprotocols=protocols, max_size=None))
+        return stack.enter_context(
+            connect(url, close_timeout=0.5, additional_headers=headers, subprotocols=protocols, max_size=None)
+        )
 
     return [opened("/api/v1/telemetry"), opened("/viewer", SUBPROTOCOL), opened("/api/v1/teleop")]
 

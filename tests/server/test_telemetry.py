@@ -24,7 +24,7 @@ BEARER = {"Authorization": f"Bearer {TOKEN}"}
 
 def listen(server: Running, **options: object) -> ClientConnection:
     url = f"{server.websocket}/api/v1/telemetry"
-    return connect(url, additional_headers=BEARER, **options)  # type: ignore[arg-type]
+    return connect(url, close_timeout=0.5, additional_headers=BEARER, **options)  # type: ignore[arg-type]
 
 
 def collect(stream: ClientConnection, done: Callable[[list[str | bytes]], object]) -> list[str | bytes]:

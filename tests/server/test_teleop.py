@@ -57,7 +57,7 @@ def lease(client: httpx.Client) -> str:
 @contextmanager
 def teleop(server: Running, key: str) -> Iterator[Driver]:
     url, bearer = f"{server.websocket}/api/v1/teleop", {"Authorization": f"Bearer {TOKEN}"}
-    with connect(url, additional_headers=bearer) as socket:
+    with connect(url, close_timeout=0.5, additional_headers=bearer) as socket:
         driver = Driver(socket)
         socket.send(json.dumps({"type": "hello", "lease": key}))
         yield driver
@@ -180,7 +180,7 @@ def test_a_flood_is_cut_off(server: Running, client: httpx.Client, lease: str) -
 @pytest.mark.parametrize("hello", ['{"type": "hello", "lease": "wrong"}', '{"type": "hello"}', "hello", '"hello"'])
 def test_without_the_lease_there_is_no_driving(server: Running, client: httpx.Client, lease: str, hello: str) -> None:
     url, bearer = f"{server.websocket}/api/v1/teleop", {"Authorization": f"Bearer {TOKEN}"}
-    with connect(url, additional_headers=bearer) as socket:
+    with connect(url, close_timeout=0.5, additional_headers=bearer) as socket:
         socket.send(hello)
         assert Driver(socket).closed() in (4001, 4003)
 

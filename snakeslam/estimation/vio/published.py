@@ -1,4 +1,4 @@
-"""What the filter publishes of a frame."""
+"""The published estimate of one frame."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,7 +7,7 @@ from snakeslam.estimation.base import FrameEstimate
 from snakeslam.estimation.filter.state import State
 from snakeslam.estimation.frontend.tracking import FrontendFrame
 from snakeslam.estimation.health import in_map
-from snakeslam.estimation.vio.starting import Seen
+from snakeslam.estimation.vio.starting import FrameFeatures
 from snakeslam.geometry import se3
 from snakeslam.messages import CameraFrame, Health, MapTie, PoseEstimate
 
@@ -16,7 +16,7 @@ POSE_AND_VELOCITY = slice(0, 9)
 
 def frame_estimate(
     frame: CameraFrame,
-    seen: Seen | None,
+    observed: FrameFeatures | None,
     state: State | None,
     health: Health,
     events: tuple[str, ...] = (),
@@ -24,13 +24,13 @@ def frame_estimate(
     island: int = 0,
     tie: MapTie | None = None,
 ) -> FrameEstimate:
-    """Return what is said of a frame; the pose is that of the time at which the filter has found the picture taken."""
+    """Return the estimate of a frame; the pose is that of the exposure, by the estimated clock of the camera."""
     pose = None
     if state is not None:
         health = in_map(health, island)
         cov = state.cov[POSE_AND_VELOCITY, POSE_AND_VELOCITY].copy()
         pose = PoseEstimate(state.t_ns - shift_ns, state.T_WI, state.v_W.copy(), cov, health)
-    px, ids, inliers = _overlay(seen.features if seen is not None else None)
+    px, ids, inliers = _overlay(observed.features if observed is not None else None)
     mount = None if state is None else state.mount
     T_IC = None if mount is None else se3.from_rt(mount.R_IC, mount.p_IC)
     return FrameEstimate(frame.t_ns, frame.seq, pose, health, px, ids, inliers, events, T_IC, island, tie)

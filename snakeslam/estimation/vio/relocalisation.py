@@ -48,7 +48,7 @@ LESS_CERTAIN = 2.0
 
 
 @dataclass(slots=True)
-class Keyframe:
+class ImageKeyframe:
     """A kept picture, the pose (4, 4) of the IMU as the filter had it, and the covariance (3, 3) of its position.
 
     The pose is in map ``island``.
@@ -62,7 +62,7 @@ class Keyframe:
 
 
 @dataclass(slots=True)
-class Place(PlainRows):
+class MeasuredPosition(PlainRows):
     """Rows p = p_m of a position that was found: ``T_WI`` (4, 4), the covariance (3, 3) of its position."""
 
     T_WI: Float
@@ -105,18 +105,18 @@ class Keyframes:
         self.focal_px = self._camera.focal_px
         self._orb = OrbExtractor(settings.relocalisation)
         self._matcher = Matcher(settings.relocalisation, self._camera, seed)
-        self._kept: list[Keyframe] = []
-        self._shelved: list[Keyframe] = []
+        self._kept: list[ImageKeyframe] = []
+        self._shelved: list[ImageKeyframe] = []
         self._tried = 0
         self.island = 0
 
-    def see(self, frame: CameraFrame, features: FrontendFrame, state: State) -> None:
+    def add(self, frame: CameraFrame, features: FrontendFrame, state: State) -> None:
         """Keep a picture with depth, sharp and of another view than those that are kept."""
         if frame.depth_m is None or features.smear * self._camera.focal_px > MOST_SMEAR_PX:
             return
         if self._kept and self._apart(state.T_WI).min() < 1.0:
             return
-        self._kept.append(Keyframe(replace(frame, rgb=None), state.T_WI, state.cov[P, P].copy(), self.island))
+        self._kept.append(ImageKeyframe(replace(frame, rgb=None), state.T_WI, state.cov[P, P].copy(), self.island))
         del self._kept[:-MOST_KEYFRAMES]
 
     def begin(self, island: int) -> None:
@@ -131,7 +131,7 @@ class Keyframes:
         self._shelved = [k for k in self._shelved if k.island != tie.into]
         self._kept, self.island = [*again, *moved][-MOST_KEYFRAMES:], tie.into
 
-    def find(self, frame: CameraFrame, foreseen_WI: Float | None) -> Place | None:
+    def find(self, frame: CameraFrame, foreseen_WI: Float | None) -> MeasuredPosition | None:
         """Return where the picture was taken, sought about a foreseen pose, or in the newest; None if nowhere."""
         if frame.depth_m is None or not self._kept:
             return None
@@ -140,7 +140,7 @@ class Keyframes:
             candidates = [self._kept[k] for k in np.argsort(self._apart(foreseen_WI), kind="stable")]
         return self._first_match(candidates[:MOST_CANDIDATES], frame, foreseen_WI)
 
-    def find_shelved(self, frame: CameraFrame) -> Place | None:
+    def find_shelved(self, frame: CameraFrame) -> MeasuredPosition | None:
         """Return where the next few keyframes of other maps put the image, by descriptors alone; None if nowhere."""
         if frame.depth_m is None or not self._shelved:
             return None
@@ -149,14 +149,16 @@ class Keyframes:
         self._tried += count
         return self._first_match(candidates, frame, None)
 
-    def _first_match(self, candidates: list[Keyframe], frame: CameraFrame, foreseen_WI: Float | None) -> Place | None:
+    def _first_match(
+        self, candidates: list[ImageKeyframe], frame: CameraFrame, foreseen_WI: Float | None
+    ) -> MeasuredPosition | None:
         view = self._look(frame)
         for keyframe in candidates:
             fit = self._match(keyframe, view, frame.t_ns, foreseen_WI)
             if fit is not None:
                 T_WI = keyframe.T_WI @ fit.T_WC
                 cov_p = keyframe.cov_p + T_WI[:3, :3] @ fit.cov[:3, :3] @ T_WI[:3, :3].T
-                return Place(T_WI, cov_p, keyframe.cov_p, keyframe.island)
+                return MeasuredPosition(T_WI, cov_p, keyframe.cov_p, keyframe.island)
         return None
 
     def _apart(self, T_WI: Float) -> Float:
@@ -169,7 +171,7 @@ class Keyframes:
     def _look(self, frame: CameraFrame) -> View:
         return look(frame, self._orb, self._camera, self._settings.noise, 0.0)
 
-    def _match(self, keyframe: Keyframe, view: View, t_ns: int, foreseen_WI: Float | None) -> PoseFit | None:
+    def _match(self, keyframe: ImageKeyframe, view: View, t_ns: int, foreseen_WI: Float | None) -> PoseFit | None:
         """Return T_I0I and its covariance, sought near a foreseen pose, or by descriptors alone without one."""
         if keyframe.view is None:
             keyframe.view = self._look(keyframe.frame)
@@ -211,12 +213,14 @@ class Relocaliser:
         self._maps = 0
         self._since_tie = 0
 
-    def see(self, frame: CameraFrame, features: FrontendFrame, state: State, blind_s: float) -> Place | None:
+    def update(
+        self, frame: CameraFrame, features: FrontendFrame, state: State, blind_s: float
+    ) -> MeasuredPosition | None:
         """Take a frame that supports the state after ``blind_s`` without one; return a place that tells more."""
         if blind_s >= BLIND_S:
             self._tries, self._frames = TRIES, 0
         if not self._tries:
-            self._keyframes.see(frame, features, state)
+            self._keyframes.add(frame, features, state)
             return None
         self._frames += 1
         if self._frames % FRAMES_PER_TRY != 1:
@@ -225,11 +229,11 @@ class Relocaliser:
         place = self._keyframes.find(frame, state.T_WI)
         return place if place is not None and place.tells_more(state) else None
 
-    def found(self) -> None:
+    def succeeded(self) -> None:
         """Look no further."""
         self._tries = 0
 
-    def start(self, frame: CameraFrame) -> Place | None:
+    def restart(self, frame: CameraFrame) -> MeasuredPosition | None:
         """Return where the newest pictures put the first frame after a reset; None begins a map of its own."""
         self._tries = 0
         place = self._keyframes.find(frame, None)
@@ -243,7 +247,7 @@ class Relocaliser:
         """The map that the state is in: 0 is the first, and whatever is tied to it."""
         return self._keyframes.island
 
-    def find_old_map(self, frame: CameraFrame, features: FrontendFrame) -> Place | None:
+    def find_old_map(self, frame: CameraFrame, features: FrontendFrame) -> MeasuredPosition | None:
         """Return where a frame of a map that is not connected lies in an earlier one; None mostly."""
         self._since_tie += 1
         sharp = features.smear * self._keyframes.focal_px <= MOST_SMEAR_PX

@@ -1,6 +1,6 @@
-"""When the filter starts: from rest, or from motion once there is enough of it.
+"""When the filter starts: from a stationary head, or from a moving one once the motion is large enough.
 
-Both integrate over the IMU: only frames count since which samples cover the time up to the newest one without a gap.
+Both starts integrate the IMU, so that only those frames count since which its samples have had no gap.
 """
 
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from snakeslam.estimation.settings import EstimatorSettings
 from snakeslam.estimation.start.moving import start_moving
 from snakeslam.estimation.start.plausibility import UNEXPLAINED, accelerometer_fault, gyro_fault, image_rotation
 from snakeslam.estimation.start.still import TREMOR_S, Stationary, start_still
-from snakeslam.estimation.vio.window import ENOUGH_WITH_DEPTH, Model, SlidingWindow
+from snakeslam.estimation.vio.window import ENOUGH_WITH_DEPTH, SensorModel, SlidingWindow
 from snakeslam.geometry.median import median
 from snakeslam.messages import Float
 
@@ -34,7 +34,7 @@ MISSED_SAMPLES = 3.0
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
+class FrameFeatures:
     """One frame's features at its time on the IMU's clock."""
 
     t_ns: int
@@ -44,11 +44,11 @@ class Seen:
 class Starter:
     """Remembers the last frames until one of the two starts succeeds."""
 
-    def __init__(self, settings: EstimatorSettings, model: Model) -> None:
+    def __init__(self, settings: EstimatorSettings, model: SensorModel) -> None:
         self._settings = settings
         self._model = model
         self._max_gap_s = max(settings.health.max_imu_gap_s, MISSED_SAMPLES / model.noise.update_rate)
-        self._history: list[Seen] = []
+        self._history: list[FrameFeatures] = []
         self._still_since = 0
         """Index into the history: since that frame the image has not moved."""
         self.bias_g: Float | None = None
@@ -62,7 +62,7 @@ class Starter:
         """Whether the start has failed for long: something may be wrong, and the gyro is no longer relied on."""
         return self._waited_frames > DOUBTS_AFTER_FRAMES
 
-    def try_to_start(self, seen: Seen, imu: ImuBuffer) -> tuple[SlidingWindow, str] | None:
+    def try_to_start(self, seen: FrameFeatures, imu: ImuBuffer) -> tuple[SlidingWindow, str] | None:
         """Return a filter at the frame before its correction (from rest) or after it (from motion), and how."""
         self._history.append(seen)
         covered_ns = imu.covered_since_ns(seen.t_ns, self._max_gap_s)
@@ -81,7 +81,7 @@ class Starter:
             return None
         return self._from_rest(seen, imu) or self._from_motion(seen, imu)
 
-    def _is_wrong(self, seen: Seen, imu: ImuBuffer) -> bool:
+    def _is_wrong(self, seen: FrameFeatures, imu: ImuBuffer) -> bool:
         """Judge units, signs and axes; return whether there can be no start with them."""
         fault = accelerometer_fault(imu.recent(self._history[0].t_ns), self._settings.gravity_m_s2)
         self._waited_frames += seen.t_ns - self._history[0].t_ns >= MOVING_START_NS
@@ -148,7 +148,7 @@ class Starter:
                 break
             self._still_since += 1
 
-    def _moved_px(self, before: Seen, now: Seen) -> float | None:
+    def _moved_px(self, before: FrameFeatures, now: FrameFeatures) -> float | None:
         """Return the median motion of the features that both frames have, None when they are too few."""
         a, b = before.features, now.features
         if b.frozen:
@@ -159,7 +159,7 @@ class Starter:
         step = b.xy[at] - a.xy[then]
         return median(np.hypot(step[:, 0], step[:, 1])) * self._model.focal_px
 
-    def _from_rest(self, seen: Seen, imu: ImuBuffer) -> tuple[SlidingWindow, str] | None:
+    def _from_rest(self, seen: FrameFeatures, imu: ImuBuffer) -> tuple[SlidingWindow, str] | None:
         since = self._history[self._still_since]
         moved_px = self._moved_px(since, seen)
         age_s = (seen.t_ns - since.t_ns) / 1e9
@@ -170,7 +170,7 @@ class Starter:
         state = start_still(recent, seen.t_ns, self._settings.gravity_m_s2, self._model.noise, stationary)
         return None if state is None else (SlidingWindow(state, self._settings, self._model), AT_REST)
 
-    def _may_be_stationary(self, seen: Seen) -> bool:
+    def _may_be_stationary(self, seen: FrameFeatures) -> bool:
         """Return whether the image has moved by noise or a tremor at most, but not yet for long enough to tell.
 
         With depth a start in motion takes less time than that, and would find a motion in the noise.
@@ -178,7 +178,7 @@ class Starter:
         since = self._history[self._still_since]
         return self._still_since == 0 and seen.t_ns - since.t_ns < TREMOR_S * 1e9
 
-    def _from_motion(self, seen: Seen, imu: ImuBuffer) -> tuple[SlidingWindow, str] | None:
+    def _from_motion(self, seen: FrameFeatures, imu: ImuBuffer) -> tuple[SlidingWindow, str] | None:
         if self.waits_long and self._waited_frames % FRAMES_PER_DOUBT:
             # A search that has failed so often, and takes longest when it fails, is not repeated in each frame.
             return None

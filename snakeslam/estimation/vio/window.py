@@ -1,4 +1,8 @@
-"""The filter: a window of clones and landmarks that IMU spans move and followed features correct."""
+"""The filter over a sliding window: the IMU propagates it, features, zero velocity and gait correct it.
+
+``SlidingWindow.correct`` is the update of one frame, as in MSCKF with landmarks: a track that ends, or that the window
+is about to lose, is used once, its point projected out; a few long tracks with depth stay in the state as landmarks.
+"""
 
 from dataclasses import dataclass
 
@@ -20,19 +24,21 @@ from snakeslam.estimation.measurements.landmarks import Sightings
 from snakeslam.estimation.measurements.projected_tracks import Features, promote
 from snakeslam.estimation.measurements.zero_velocity import AtRest, Rest
 from snakeslam.estimation.settings import EstimatorSettings
-from snakeslam.estimation.vio.relocalisation import Place
+from snakeslam.estimation.vio.relocalisation import MeasuredPosition
 from snakeslam.geometry.median import median
 from snakeslam.messages import Float
 
 MAX_REJECTIONS = 2
+"""A landmark that fails its gate so often in succession leaves the state, and its feature is tracked no longer."""
 MIN_TRACK = 3
+"""Frames that a track must have for its point to be triangulated with some redundancy."""
 ENOUGH_WITH_DEPTH = 20
-"""So many tracks with depth, and the window counts as one with depth."""
+"""With so many tracks with depth the camera counts as an RGB-D camera."""
 
 
 @dataclass(frozen=True, slots=True)
-class Model:
-    """What the filter knows of sensors and world: camera rows, IMU noise, gravity (3,), focal length in px, camera."""
+class SensorModel:
+    """What the filter assumes of sensors and world: camera, its focal length in px, IMU noise, gravity (3,)."""
 
     rows: CameraRows
     noise: ImuCalibration
@@ -41,7 +47,7 @@ class Model:
     cam0: CameraCalibration
 
     @staticmethod
-    def of(settings: EstimatorSettings, cam0: CameraCalibration, imu: ImuCalibration, focal_px: float) -> "Model":
+    def of(settings: EstimatorSettings, cam0: CameraCalibration, imu: ImuCalibration, focal_px: float) -> "SensorModel":
         """Return the sensors' model with the settings' factors on the IMU's noise."""
         white, walk = settings.noise.imu_white_scale, settings.noise.imu_walk_scale
         noise = imu.model_copy(
@@ -55,39 +61,46 @@ class Model:
         T_IC = cam0.T_IC
         rows = CameraRows(T_IC[:3, :3], T_IC[:3, 3], settings.noise.pixel_px / focal_px, settings.noise)
         gravity_W = np.array([0.0, 0.0, -settings.gravity_m_s2])
-        return Model(rows, noise, gravity_W, focal_px, cam0)
+        return SensorModel(rows, noise, gravity_W, focal_px, cam0)
 
 
 @dataclass(frozen=True, slots=True)
-class Report:
-    """What one frame did: ids to follow no longer, innovations of all that was tried, what became of the gait's way."""
+class WindowUpdate:
+    """Result of one frame: ids to track no longer, innovations of all features, what the filter made of the gait's."""
 
     refused: NDArray[np.int64]
     innovations: tuple[Innovation, ...]
     carried: Carried | None = None
 
     @staticmethod
-    def none(carried: Carried | None = None) -> "Report":
-        """Return that of a frame without a picture."""
-        return Report(np.empty(0, np.int64), (), carried)
+    def none(carried: Carried | None = None) -> "WindowUpdate":
+        """Return the result of a frame without an image of its own."""
+        return WindowUpdate(np.empty(0, np.int64), (), carried)
 
 
 class SlidingWindow:
-    """State, tracks and the order of events of one frame."""
+    """State and tracks, and the updates of the one by the other."""
 
-    def __init__(self, state: State, settings: EstimatorSettings, model: Model) -> None:
+    def __init__(self, state: State, settings: EstimatorSettings, model: SensorModel) -> None:
         self.state = state
         self._settings = settings
         self._model = model
         self._tracks = TrackTable()
         self._rate: tuple[Float, float] | None = None
+        """Mean angular rate at the end of the last IMU span, (3,) rad/s, and its sigma."""
         self._doubted = False
         freed = free_mount(model.cam0, settings.calibration)
         if freed is not None:
             state.free_mount(*freed)
 
+    # -- Propagation --------------------------------------------------------------------------------------------------
+
     def propagate(self, span: ImuSegments | None, t_ns: int, gap_s: float, doubt: MotionDoubt | None = None) -> None:
-        """Move to ``t_ns`` by the IMU; less certain where that was silent for ``gap_s`` or is doubted."""
+        """Propagate the state to ``t_ns`` by the IMU, Eq. (23)-(26).
+
+        Where the IMU was silent for ``gap_s``, or its samples are doubted, the motion may have been any within the
+        limits of a snake robot: Q grows by (w_max t)^2, (a_max t)^2 and what those make of the position.
+        """
         if span is None:
             return
         state, model = self.state, self._model
@@ -97,75 +110,98 @@ class SlidingWindow:
         if doubt is not None:
             state.widen_motion(doubt.theta_rad**2, doubt.variance_v, doubt.lag_s)
         if gap_s > self._settings.health.max_imu_gap_s:
-            blind_s = min(gap_s, float(span.dt_s.sum()))
-            state.widen_motion((SILENT_RATE_RAD_S * blind_s) ** 2, (SILENT_ACCEL_M_S2 * blind_s) ** 2, 0.5 * blind_s)
+            silent_s = min(gap_s, float(span.dt_s.sum()))
+            state.widen_motion((SILENT_RATE_RAD_S * silent_s) ** 2, (SILENT_ACCEL_M_S2 * silent_s) ** 2, 0.5 * silent_s)
 
-    def vibrate(self, spread_m_s2: float, since_ns: int) -> None:
-        """Widen the velocity by a vibration of this spread, which the noise model leaves out, for ``since_ns``."""
-        variance = spread_m_s2**2 / self._model.noise.update_rate * since_ns * 1e-9
+    def add_vibration(self, spread_m_s2: float, dt_ns: int) -> None:
+        """Widen the velocity by a vibration of ``dt_ns``: white in each sample, sigma_v^2 = sigma_a^2 dt / f_IMU."""
+        variance = spread_m_s2**2 / self._model.noise.update_rate * dt_ns * 1e-9
         if variance > 0.0:
             self.state.widen(V, variance)
 
-    def correct(self, frame: FrontendFrame, rest: Rest | None = None, way: GaitWay | None = None) -> Report:
-        """Take the features of a frame at the state's time, that the head is at rest when it is, the gait's way."""
-        state, tracks = self.state, self._tracks
-        state.add_clone(self._motion_by_time())
+    # -- Correction ---------------------------------------------------------------------------------------------------
+
+    def correct(
+        self, frame: FrontendFrame, stationary: Rest | None = None, displacement: GaitWay | None = None
+    ) -> WindowUpdate:
+        """Correct the state by the features of a frame at the state's time, zero velocity and the gait."""
+        state, tracks, settings = self.state, self._tracks, self._settings
+
+        # 1. Clone the pose: x <- (x, T_WI), P <- J P J^T. Landmarks whose feature is no longer tracked leave the state.
+        motion = self._motion_by_time()
+        state.add_clone(motion)
         state.keep_landmarks(among(state.landmarks.ids, frame.ids))
-        self._let_landmarks_wander()
-        free = ~among(frame.ids, state.landmarks.ids)
-        flow = self._flow(frame)
-        tracks.observe(frame.ids[free], frame.xy[free], frame.depth_m[free], frame.smear, flow[free])
-        sightings, seen = self._sightings(frame, flow)
-        lost = ~among(tracks.ids, frame.ids)
+
+        # 2. A tracked feature drifts over its surface from frame to frame, an error that no averaging removes:
+        #    P_landmark += (sigma_drift / f |p - p_WI|)^2 I.
+        range_m = np.linalg.norm(state.landmarks.p_W - state.p_WI, axis=1)
+        state.widen_landmarks((settings.noise.track_drift_px / self._model.focal_px * range_m) ** 2)
+
+        # 3. Features that are no landmarks go into the table of tracks, with the image motion of the rolling shutter.
+        flow = self._readout_flow(frame, motion)
+        is_track = ~among(frame.ids, state.landmarks.ids)
+        tracks.observe(frame.ids[is_track], frame.xy[is_track], frame.depth_m[is_track], frame.smear, flow[is_track])
+
+        # 4. Choose the tracks to use: those that ended, those that the leaving clone sees, those to become landmarks.
+        #    After doubtful IMU samples all of them, for the camera decides then.
         leaving = self._leaving_clone()
-        ripe = self._ripe(~lost, leaving == 0)
-        if self._doubted:
-            # What the camera has seen decides now on what the IMU cannot be trusted with.
-            ripe |= ~lost & (tracks.lengths >= MIN_TRACK)
-        chosen = (lost & (tracks.lengths >= MIN_TRACK)) | ripe
-        features, tried = self._features(chosen)
-        measurements: list[Measurement] = [m for m in (features, sightings) if len(m)]
-        measurements += self._at_rest(rest, True)
-        rows = GaitRows.of(way, len(state.clones) - 2) if way is not None else None
-        taken = rows.gated(state, self._settings.gait.max_inflation) if rows is not None else None
-        measurements += [taken] if taken is not None else []
-        update(state, measurements, self._settings.max_iterations)
-        carried = rows.carried(state, taken is not None) if rows is not None else None
-        self._promote(features, tracks.ids[ripe])
-        refused = self._refused(tracks.ids[ripe & tracks.has_depth], features)
-        tracks.keep(~(lost | ripe))
+        ended = ~among(tracks.ids, frame.ids)
+        long = tracks.lengths >= MIN_TRACK
+        used = self._tracks_to_use(~ended, leaving == 0) | (~ended & long & self._doubted)
+
+        # 5. Gate. r^T (H P H^T + R)^-1 r below the chi-square limit, for each track and each landmark.
+        features, of_tracks = self._gated_tracks((ended & long) | used)
+        landmarks, of_landmarks = self._gated_landmarks(frame, flow)
+        measurements: list[Measurement] = [m for m in (features, landmarks) if len(m)]
+        measurements += self._zero_velocity(stationary, True)
+        gait = GaitRows.of(displacement, len(state.clones) - 2) if displacement is not None else None
+        gated_gait = gait.gated(state, settings.gait.max_inflation) if gait is not None else None
+        measurements += [gated_gait] if gated_gait is not None else []
+
+        # 6. Iterated update, Eq. (41), with all of them.
+        update(state, measurements, settings.max_iterations)
+        carried = gait.carried(state, gated_gait is not None) if gait is not None else None
+
+        # 7. Long tracks with depth become landmarks while there is room; features that failed their gate are dropped.
+        self._make_landmarks(features, tracks.ids[used])
+        refused = self._drop_failing(tracks.ids[used & tracks.has_depth], features)
+
+        # 8. Marginalise: forget the used tracks, and the clone that leaves a full window.
+        tracks.keep(~(ended | used))
         if leaving is not None:
             tracks.forget_column(leaving)
             state.drop_clone(leaving)
-        return Report(refused, (seen, tried), carried)
+        return WindowUpdate(refused, (of_landmarks, of_tracks), carried)
 
-    def hold(self, rest: Rest) -> None:
-        """Take that the head is at rest, at a time without a picture of its own."""
-        update(self.state, self._at_rest(rest, False), self._settings.max_iterations)
+    def correct_stationary(self, stationary: Rest) -> None:
+        """Correct by zero velocity alone, at a time without an image of its own."""
+        update(self.state, self._zero_velocity(stationary, False), self._settings.max_iterations)
 
-    def relocate(self, place: Place) -> bool:
-        """Take a pose that was found again; return whether it is within its gate."""
-        if not place.innovation(self.state).accepted.all():
+    def correct_gait(self, displacement: GaitWay) -> WindowUpdate:
+        """Correct by the gait's velocity alone, R^T v = v_I, at a time without an image of its own."""
+        rows = GaitRows.of(displacement, None)
+        gated = rows.gated(self.state, self._settings.gait.max_inflation)
+        if gated is not None:
+            update(self.state, [gated], self._settings.max_iterations)
+        return WindowUpdate.none(rows.carried(self.state, gated is not None))
+
+    def correct_position(self, position: MeasuredPosition) -> bool:
+        """Correct by a position that was recognised; return whether it passed its gate."""
+        if not position.innovation(self.state).accepted.all():
             return False
-        update(self.state, [place], self._settings.max_iterations)
+        update(self.state, [position], self._settings.max_iterations)
         return True
 
-    def carry(self, way: GaitWay) -> Report:
-        """Take the velocity that the gait tells, at a time without a picture of its own."""
-        rows = GaitRows.of(way, None)
-        taken = rows.gated(self.state, self._settings.gait.max_inflation)
-        if taken is not None:
-            update(self.state, [taken], self._settings.max_iterations)
-        return Report.none(rows.carried(self.state, taken is not None))
+    # -- Measurements -------------------------------------------------------------------------------------------------
 
-    def _at_rest(self, rest: Rest | None, has_clone: bool) -> list[AtRest]:
-        if rest is None:
+    def _zero_velocity(self, stationary: Rest | None, has_clone: bool) -> list[AtRest]:
+        if stationary is None:
             return []
-        rows = AtRest.of(rest, self.state, has_clone)
+        rows = AtRest.of(stationary, self.state, has_clone)
         return [rows] if rows.innovation(self.state).accepted.all() else []
 
     def _motion_by_time(self) -> Float | None:
-        """Return how the pose changes with time, (6,), None at a start."""
+        """Return the rate of the pose with time, d(theta, p)/dt (6,), for the camera's time offset; None at a start."""
         state = self.state
         if self._rate is None:
             return None
@@ -173,38 +209,29 @@ class SlidingWindow:
         cov_rate = state.cov[BIAS_G, BIAS_G] + np.eye(3) * sigma**2
         return motion_by_time(rate_I - state.bias_g, cov_rate, state.v_W, state.cov[V, V])
 
-    def _flow(self, frame: FrontendFrame) -> Float:
-        """Return how the features of a frame move with a rolling shutter's readout, (N, 2) per second of it."""
-        motion = self._motion_by_time()
-        if motion is None or self.state.mount is None or not self.state.mount.frees_readout:
+    def _readout_flow(self, frame: FrontendFrame, motion: Float | None) -> Float:
+        """Return how far a rolling shutter's readout of 1 s would move each feature, (N, 2) per second."""
+        mount = self.state.mount
+        if motion is None or mount is None or not mount.frees_readout:
             return np.zeros((len(frame.ids), 2))
-        return motion_of_rows(
-            frame.xy, frame.px[:, 1] / self._model.cam0.resolution[1], self.state.mount.R_IC.T @ motion[:3]
-        )
+        row_share = frame.px[:, 1] / self._model.cam0.resolution[1]
+        return motion_of_rows(frame.xy, row_share, mount.R_IC.T @ motion[:3])
 
-    def _let_landmarks_wander(self) -> None:
-        """Widen landmarks by what their tracks creep from frame to frame: an error that no averaging takes away."""
-        state = self.state
-        far_m = np.linalg.norm(state.landmarks.p_W - state.p_WI, axis=1)
-        state.widen_landmarks((self._settings.noise.track_drift_px / self._model.focal_px * far_m) ** 2)
-
-    def _sightings(self, frame: FrontendFrame, flow: Float) -> tuple[Sightings, Innovation]:
-        """Return the landmarks in view that pass the gate."""
-        landmarks = self.state.landmarks
+    def _gated_landmarks(self, frame: FrontendFrame, flow: Float) -> tuple[Sightings, Innovation]:
+        """Return the landmarks in view that pass their gate, and the innovations of all in view."""
+        landmarks, rows = self.state.landmarks, self._model.rows
         _, at, index = np.intersect1d(frame.ids, landmarks.ids, assume_unique=True, return_indices=True)
         xyz = np.column_stack([frame.xy[at], frame.depth_m[at]])[:, None]
-        rows = self._model.rows
         observed = Observations.weighed(xyz, np.ones((len(at), 1), bool), rows, frame.smear, flow[at][:, None])
         sightings = Sightings(index, observed, rows)
         if not len(at):
             return sightings, Innovation.none()
         innovation = sightings.innovation(self.state)
-        inside = innovation.accepted
-        landmarks.rejections[index] = np.where(inside, 0, landmarks.rejections[index] + 1)
-        return sightings.pick(inside), innovation
+        landmarks.rejections[index] = np.where(innovation.accepted, 0, landmarks.rejections[index] + 1)
+        return sightings.pick(innovation.accepted), innovation
 
-    def _features(self, chosen: NDArray[np.bool_]) -> tuple[Features, Innovation]:
-        """Return the chosen tracks as features that pass the gate."""
+    def _gated_tracks(self, chosen: NDArray[np.bool_]) -> tuple[Features, Innovation]:
+        """Return the chosen tracks that pass their gate, and the innovations of all of them."""
         tracks, rows = self._tracks, self._model.rows
         xyz, seen, flow = tracks.xyz[chosen], tracks.seen[chosen], tracks.flow[chosen]
         observed = Observations.weighed(xyz, seen, rows, tracks.smear, flow)
@@ -214,44 +241,46 @@ class SlidingWindow:
         innovation = features.innovation(self.state)
         return features.pick(innovation.accepted), innovation
 
-    def _leaving_clone(self) -> int | None:
-        """Return which clone leaves a full window.
+    # -- The window ---------------------------------------------------------------------------------------------------
 
-        The last but one when little moved since the one before it, else the oldest, and with it all tracks that it saw
-        are used. With depth less is enough: no far clones are needed to see a point from two sides.
+    def _leaving_clone(self) -> int | None:
+        """Return which clone leaves a full window; None while there is room.
+
+        The last but one when the image moved little since the one before it, else the oldest, and with it all tracks
+        that it sees are used. With depth a smaller motion is enough: triangulation needs no distant clones.
         """
         if len(self.state.clones) <= self._settings.window.clones:
             return None
         tracks = self._tracks
-        both = tracks.seen[:, -2] & tracks.seen[:, -3] & (tracks.lengths >= MIN_TRACK)
-        if not both.any():
+        in_both = tracks.seen[:, -2] & tracks.seen[:, -3] & (tracks.lengths >= MIN_TRACK)
+        if not in_both.any():
             return 0
-        moved = tracks.xyz[both, -2, :2] - tracks.xyz[both, -3, :2]
+        moved = tracks.xyz[in_both, -2, :2] - tracks.xyz[in_both, -3, :2]
         disparity_px = median(np.hypot(moved[:, 0], moved[:, 1])) * self._model.focal_px
         window = self._settings.window
         with_depth = np.count_nonzero(tracks.has_depth) >= ENOUGH_WITH_DEPTH
         least_px = window.keyframe_disparity_depth_px if with_depth else window.keyframe_disparity_px
         return len(self.state.clones) - 2 if disparity_px < least_px else 0
 
-    def _ripe(self, living: NDArray[np.bool_], oldest_leaves: bool) -> NDArray[np.bool_]:
-        """Return the living tracks to use now: those that the leaving clone saw, and candidates for landmarks."""
+    def _tracks_to_use(self, tracked: NDArray[np.bool_], oldest_leaves: bool) -> NDArray[np.bool_]:
+        """Return the tracked ones to use now: what the oldest clone sees when it leaves, and the next landmarks."""
         tracks, lengths = self._tracks, self._tracks.lengths
-        long = living & (lengths >= MIN_TRACK)
-        ripe = long & tracks.seen[:, 0] & oldest_leaves
+        long = tracked & (lengths >= MIN_TRACK)
+        used = long & tracks.seen[:, 0] & oldest_leaves
         room = self._settings.window.max_landmarks - len(self.state.landmarks)
-        fresh = np.flatnonzero(long & ~ripe & tracks.has_depth)
-        ripe[fresh[np.lexsort((tracks.ids[fresh], -lengths[fresh]))[: max(0, room)]]] = True
-        return ripe
+        candidates = np.flatnonzero(long & ~used & tracks.has_depth)
+        used[candidates[np.lexsort((tracks.ids[candidates], -lengths[candidates]))[: max(0, room)]]] = True
+        return used
 
-    def _promote(self, features: Features, candidates: NDArray[np.int64]) -> None:
+    def _make_landmarks(self, features: Features, candidates: NDArray[np.int64]) -> None:
         room = self._settings.window.max_landmarks - len(self.state.landmarks)
         chosen = among(features.ids, candidates)
         chosen &= np.cumsum(chosen) <= room
         if chosen.any():
             promote(self.state, features, chosen)
 
-    def _refused(self, with_depth: NDArray[np.int64], features: Features) -> NDArray[np.int64]:
-        """Drop landmarks that fail the gate again; return them, and the tracks with depth that were turned away."""
+    def _drop_failing(self, with_depth: NDArray[np.int64], features: Features) -> NDArray[np.int64]:
+        """Drop landmarks that fail their gate again; return their ids and those of the refused tracks with depth."""
         landmarks = self.state.landmarks
         failing = landmarks.rejections >= MAX_REJECTIONS
         refused = np.concatenate([np.setdiff1d(with_depth, features.ids), landmarks.ids[failing]])

@@ -33,8 +33,8 @@ from snakeslam.estimation.vio import window
 from snakeslam.estimation.vio.window import SlidingWindow
 from snakeslam.mapping.keyframes import KeyframeMapper
 from snakeslam.messages import CameraFrame, Float, GaitCommand, GroundTruth, JointTarget, Packet, SlamUpdate
-from snakeslam.runtime.assembly.build import build_backend, build_control, build_slam
-from snakeslam.runtime.session.lockstep import Loop
+from snakeslam.runtime.assembly.build import build_backend, build_control
+from snakeslam.runtime.session.lockstep import build_loop
 from snakeslam.slam import Slam
 
 SECONDS = 10.0
@@ -106,13 +106,14 @@ def run(seconds: float, memory_mb: list[float]) -> tuple[list[float], float]:
     config = load_config(None, [SETTING])
     times = FrameTimes()
     with closing(build_backend(config)) as backend:
-        loop = Loop(backend, build_control(config, backend), build_slam(config, backend), times)
-        assert loop.control is not None
+        control = build_control(config, backend)
+        assert control is not None
+        loop = build_loop(config, backend, times, control=control)
         started = perf_counter()
         while backend.t_ns < seconds * 1e9:
             if backend.t_ns % round(THERE_S * 1e9) == 0:
                 way = -1.0 if backend.t_ns // round(THERE_S * 1e9) % 2 else 1.0
-                loop.control.command(GaitCommand(backend.t_ns, config.gait.name, drive=way))
+                control.command(GaitCommand(backend.t_ns, config.gait.name, drive=way))
             if len(memory_mb) < SHARE and backend.t_ns >= len(memory_mb) * seconds * 1e9 / SHARE:
                 memory_mb.append(resident_mb())
             loop.step()

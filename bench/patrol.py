@@ -24,8 +24,8 @@ from snakeslam.messages import (  # noqa: E402
     Packet,
     SlamUpdate,
 )
-from snakeslam.runtime.assembly.build import build_backend, build_control, build_slam  # noqa: E402
-from snakeslam.runtime.session.lockstep import Loop  # noqa: E402
+from snakeslam.runtime.assembly.build import build_backend, build_control  # noqa: E402
+from snakeslam.runtime.session.lockstep import build_loop  # noqa: E402
 
 SECONDS = 300.0
 WORLDS = ("corridor:1", "office:1", "rubble:1")
@@ -42,7 +42,7 @@ class Drive:
         control = build_control(config, backend)
         assert control is not None
         self.control, self.patrol = control, patrol
-        self.loop = Loop(backend, control, build_slam(config, backend), self)
+        self.loop = build_loop(config, backend, self, control=control)
         self.chunks: dict[int, MapChunk] = {}
         self.truth: list[Float] = []
         self.turning = 0

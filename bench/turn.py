@@ -10,8 +10,8 @@ from snakeslam.config import Config, load_config
 from snakeslam.gaits.catalogue import resolve
 from snakeslam.geometry import so3
 from snakeslam.messages import Float, GaitCommand, HeadCommand
-from snakeslam.runtime.assembly.build import build_backend, build_control, build_slam
-from snakeslam.runtime.session.lockstep import Loop
+from snakeslam.runtime.assembly.build import build_backend, build_control
+from snakeslam.runtime.session.lockstep import Loop, build_loop
 from snakeslam.studies.metrics import truth_trajectory
 from snakeslam.studies.recorder import Recorder
 
@@ -51,7 +51,7 @@ def turn(config: Config, turn_by_deg: float) -> tuple[Float, Float, Float]:
         assert control is not None
         assert backend.model is not None
         period_ns = round(2e9 * np.pi / resolve(config.gait, backend.model).omega)
-        loop = Loop(backend, control, build_slam(config, backend), recorder)
+        loop = build_loop(config, backend, recorder, control=control)
         turn_ns = round(config.run.rest_s * 1e9 + TURN_AT_PERIODS * period_ns)
         _advance(loop, round(config.run.rest_s * 1e9))
         control.command(GaitCommand(backend.t_ns, config.gait.name))

@@ -28,7 +28,7 @@ class Hand:
     The least difference of the clocks over the last pings is taken as no delay: age = now - t - min(now_k - t_k).
     A press begins with the first drive after a zero, or with the first of all unless the drive is known to be
     ``pressed`` already; whether it may move the robot is decided by the robot node
-    (``snakeslam.runtime.robot.driving``).
+    (``snakeslam.runtime.robot.deadman``).
     """
 
     def __init__(self, pressed: bool = False) -> None:

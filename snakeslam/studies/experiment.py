@@ -21,14 +21,12 @@ from snakeslam.errors import InputError
 from snakeslam.gaits.catalogue import resolve
 from snakeslam.garbage import collect_seldom
 from snakeslam.mapping.export import write_ply
-from snakeslam.messages import GaitCommand
 from snakeslam.recording.datasets import SENSORS
 from snakeslam.recording.trajectory import write_trajectory
 from snakeslam.recording.tum_writer import TumWriter
 from snakeslam.robot.model import SnakeModel, snake_model
-from snakeslam.runtime.assembly.build import build_backend, build_control, build_slam, fit_to_recording
-from snakeslam.runtime.robot.governor import build_governor
-from snakeslam.runtime.session.lockstep import Loop
+from snakeslam.runtime.assembly.build import build_backend, fit_to_recording
+from snakeslam.runtime.session.lockstep import Loop, build_loop
 from snakeslam.studies.metrics import HeadWindow, Metrics, evaluate, notes_on, tracked_poses
 from snakeslam.studies.recorder import Recorder
 from snakeslam.studies.run_directory import new_directory
@@ -72,12 +70,11 @@ def run_experiment(
         part = new.part
         config = fit_to_recording(config, backend)
         recorder = Recorder(_sensor_writer(config, recording, part, backend))
-        slam, governor = build_slam(config, backend), build_governor(config)
-        loop = Loop(backend, build_control(config, backend), slam, recorder, governor)
+        loop = build_loop(config, backend, recorder, autostart=True)
         collect_seldom()
         if began is not None:
             began(new.out)
-        wall_s = turn_loop(loop, config, _end_ns(config, backend, duration_s), progress or (lambda _: None))
+        wall_s = run_loop(loop, _end_ns(config, backend, duration_s), progress or (lambda _: None))
         metrics = _evaluate(config, backend, recorder, wall_s)
         notes = (*_head_notes(config, backend, metrics), *_notes(backend, recorder))
         _write(part, config, recording, recorder, metrics, notes)
@@ -98,16 +95,11 @@ def _end_ns(config: Config, backend: Backend, duration_s: float | None) -> int:
     return backend.end_ns if duration_s is None else min(backend.end_ns, backend.t_ns + round(duration_s * 1e9))
 
 
-def turn_loop(loop: Loop, config: Config, end_ns: int, progress: Progress) -> float:
-    """Turn the loop until ``end_ns``, the gait starting after the rest; return the wall time it took."""
+def run_loop(loop: Loop, end_ns: int, progress: Progress) -> float:
+    """Run the loop until the backend's time is ``end_ns``; return the wall time it took, in s."""
     start_ns = loop.backend.t_ns
-    drive_ns = start_ns + round(config.run.rest_s * 1e9)
-    control = loop.control
     started = perf_counter()
     while (replays := isinstance(loop.backend, ReplayBackend)) or loop.backend.t_ns < end_ns:
-        if control is not None and loop.backend.t_ns >= drive_ns:
-            control.command(GaitCommand(t_ns=loop.backend.t_ns, gait=config.gait.name))
-            control = None
         if not loop.step() or (replays and loop.backend.t_ns > end_ns):
             break
         progress(min(1.0, (loop.backend.t_ns - start_ns) / max(1, end_ns - start_ns)))

@@ -12,10 +12,10 @@ from snakeslam.errors import BackendError
 from snakeslam.estimation.settings import Mode
 from snakeslam.geometry import so3
 from snakeslam.messages import Float, SlamUpdate
-from snakeslam.runtime.assembly.build import build_backend, build_control, build_slam
-from snakeslam.runtime.session.lockstep import Loop
+from snakeslam.runtime.assembly.build import build_backend, build_slam
+from snakeslam.runtime.session.lockstep import build_loop
 from snakeslam.studies.broadcast import Broadcast, Listener
-from snakeslam.studies.experiment import turn_loop
+from snakeslam.studies.experiment import run_loop
 from snakeslam.studies.measures import MEASURES, MeasureName
 from snakeslam.studies.metrics import HeadWindow, Metrics, evaluate, net_speed_m_s, truth_trajectory, whole_periods
 from snakeslam.studies.study import Point
@@ -49,10 +49,9 @@ def run_point(point: Point) -> Measured:
     config = point.config
     with closing(build_backend(config, camera=point.estimator)) as backend:
         recorder = Broadcast(_listeners(point, backend))
-        slam = build_slam(config, backend) if point.estimator else None
-        loop = Loop(backend, build_control(config, backend), slam, recorder)
+        loop = build_loop(config, backend, recorder, slam=point.estimator, autostart=True)
         end_ns = backend.t_ns + round(config.run.duration_s * 1e9)
-        wall_s = turn_loop(loop, config, end_ns, lambda _: None)
+        wall_s = run_loop(loop, end_ns, lambda _: None)
         gravity_known = backend.rig.imu0 is not None
     return _measured(point, recorder, wall_s, gravity_known)
 

@@ -21,7 +21,7 @@ from snakeslam.robot.model import PRESETS
 from snakeslam.runtime.bus.codec import encode
 from snakeslam.runtime.bus.commands import Drive, EStop, ResetEStop, RobotCommand, SetGait, Start, Stop
 from snakeslam.runtime.bus.probe import check
-from snakeslam.runtime.robot.driving import LET_GO_FIRST, SILENT_HAND
+from snakeslam.runtime.robot.deadman import INPUT_SILENT, RELEASE_FIRST
 from snakeslam.runtime.robot.safety import FROZEN, LOST, SERVER, SLAM
 from tests.faults.nodes import BRAKE_STEPS, HOLD_NS, Nodes, wait_for
 from tests.server.running import START_S, Running, start
@@ -192,8 +192,8 @@ def test_a_hand_that_falls_silent_leaves_a_held_robot(site: Site) -> None:
     silent_ns = time.monotonic_ns()
     nodes.assert_held(silent_ns)
     assert not nodes.states[-1].moving
-    assert nodes.states[-1].held_because == SILENT_HAND
-    assert nodes.answered(nodes.order(Drive(1.0, 0.5))) == LET_GO_FIRST
+    assert nodes.states[-1].held_because == INPUT_SILENT
+    assert nodes.answered(nodes.order(Drive(1.0, 0.5))) == RELEASE_FIRST
     nodes.assert_still()
     nodes.wait_moving(Drive(1.0, 0.5))
     site.moving()
@@ -209,9 +209,9 @@ def test_what_must_not_be_obeyed_changes_nothing(moving: Site) -> None:
     for word, command, stamp_ns in (
         ("old", other, now_ns - STALE_NS),
         ("future", other, now_ns + 10**10),
-        ("no number", SetGait(GaitCommand(0, "sidewinding", turn=float("nan"))), None),
-        ("no number", SetGait(GaitCommand(0, "sidewinding", parameters={"period_s": float("inf")})), None),
-        ("no number", Drive(float("nan")), None),
+        ("not a finite number", SetGait(GaitCommand(0, "sidewinding", turn=float("nan"))), None),
+        ("not a finite number", SetGait(GaitCommand(0, "sidewinding", parameters={"period_s": float("inf")})), None),
+        ("not a finite number", Drive(float("nan")), None),
         ("old", Drive(-1.0), now_ns - STALE_NS),
     ):
         assert word in (nodes.answered(nodes.order(command, stamp_ns)) or "")

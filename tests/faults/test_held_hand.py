@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import httpx
 import pytest
 
-from snakeslam.runtime.robot.driving import LET_GO_FIRST
+from snakeslam.runtime.robot.deadman import RELEASE_FIRST
 from tests.faults.held_hand import ROBOT, SERVER, SLAM, Served
 from tests.server.running import START_S, wait_for
 
@@ -34,7 +34,7 @@ def at_rest(served: Served) -> Iterator[None]:
 
 def assert_rests_until_a_fresh_press(served: Served, since_s: float) -> None:
     assert not served.moves_since(since_s, WATCHED_S), "it moves though the hand has not let go"
-    wait_for(lambda: (1.0, LET_GO_FIRST) in served.hand.answers, START_S)
+    wait_for(lambda: (1.0, RELEASE_FIRST) in served.hand.answers, START_S)
     served.move_by_hand()
 
 

@@ -15,8 +15,8 @@ from snakeslam.runtime.bus.commands import EStop, ResetEStop, Start, Stop
 from snakeslam.runtime.bus.orders import Sender
 from snakeslam.runtime.bus.topics import ESTOP, SERVER_BEAT
 from snakeslam.runtime.bus.wire import Beat
-from snakeslam.runtime.robot.guard import NOT_FINITE
 from snakeslam.runtime.robot.safety import SERVER
+from snakeslam.runtime.robot.target_guard import NOT_FINITE
 from tests.faults.failing_robot import failing_control, failing_robot
 from tests.faults.nodes import HOLD_NS, Nodes, wait_for
 

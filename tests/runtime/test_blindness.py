@@ -8,7 +8,7 @@ from snakeslam.runtime.robot.blindness import Blindness
 
 FRAME_S = 0.05
 SEEN, BLIND = Health(Verdict.GOOD, tracks=150), Health(Verdict.BLIND)
-AT_REST = Health(Verdict.DEGRADED, ("few features: 0",), tracks=0)
+STATIONARY = Health(Verdict.DEGRADED, ("few features: 0",), tracks=0)
 
 
 def watch(max_blind_s: float = 5.0) -> Blindness:
@@ -44,26 +44,26 @@ def test_sight_must_last_to_count(seen_s: float, counts: bool) -> None:
 def test_a_start_and_a_back_up_give_time() -> None:
     blindness = watch()
     show(blindness, 0.0, 6.0, BLIND)
-    blindness.stop()
+    blindness.hold()
     blindness.back_up(round(6e9))
     assert not too_long(blindness, 9.0)
     assert not blindness.backed_up(round(9.9e9))
     assert blindness.backed_up(round(10e9))
-    blindness.end()
+    blindness.end_back_up()
     assert too_long(blindness, 10.1)
     blindness.start(round(11e9))
     assert not too_long(blindness, 15.9)
     assert too_long(blindness, 16.1)
 
 
-def test_a_robot_that_is_certain_only_because_it_rests_still_sees_nothing() -> None:
+def test_a_robot_that_is_certain_only_because_it_is_stationary_still_sees_nothing() -> None:
     blindness = watch()
     show(blindness, 0.0, 6.0, BLIND)
-    blindness.stop()
-    show(blindness, 6.0, 8.0, AT_REST)
-    assert blindness.stopped
+    blindness.hold()
+    show(blindness, 6.0, 8.0, STATIONARY)
+    assert blindness.held
     show(blindness, 8.0, 9.0, SEEN)
-    assert not blindness.stopped
+    assert not blindness.held
 
 
 def test_zero_is_never() -> None:

@@ -1,4 +1,4 @@
-"""The governor: pace is taken at once, given back late and slowly, and never wholly taken."""
+"""The governor lowers the pace at once, raises it late and slowly, and never lowers it to zero."""
 
 from itertools import pairwise
 
@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from snakeslam.config import GovernorSettings
 from snakeslam.messages import Health, Verdict
 from snakeslam.runtime.bus.topics import Governed, Phase
-from snakeslam.runtime.robot.governor import Governor, ease
+from snakeslam.runtime.robot.governor import Governor, tracking_quality
 
 SETTINGS = GovernorSettings(enabled=True)
 GOOD = Health(Verdict.GOOD, (), 150, 1.0)
@@ -27,7 +27,7 @@ def test_while_all_is_well_nothing_is_touched() -> None:
 
 
 @pytest.mark.parametrize(
-    ("health", "share", "words"),
+    ("health", "quality", "words"),
     [
         (GOOD, 1.0, None),
         (BLIND, 0.0, "blind"),
@@ -38,9 +38,9 @@ def test_while_all_is_well_nothing_is_touched() -> None:
         (Health(Verdict.GOOD, (), 0), 1.0, None),
     ],
 )
-def test_the_worst_sign_counts(health: Health, share: float, words: str | None) -> None:
-    found, reason = ease(health, SETTINGS)
-    assert found == pytest.approx(share)
+def test_the_worst_sign_counts(health: Health, quality: float, words: str | None) -> None:
+    found, reason = tracking_quality(health, SETTINGS)
+    assert found == pytest.approx(quality)
     assert reason is None if words is None else words in (reason or "")
 
 

@@ -1,12 +1,14 @@
-"""The loop hands each packet to slam, each step to control, and everything to the sink, in order."""
+"""A run in lockstep: each packet goes to slam, each target through safety, everything to the sink, in order."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
+from snakeslam.config import Config, GovernorSettings
+from snakeslam.control import Control
+from snakeslam.errors import BackendError
 from snakeslam.messages import (
     CameraFrame,
     GroundTruth,
@@ -19,9 +21,17 @@ from snakeslam.messages import (
     SlamUpdate,
     Verdict,
 )
-from snakeslam.runtime.session.lockstep import Loop
+from snakeslam.robot.model import PRESETS, RobotSettings, snake_model
+from snakeslam.runtime.robot.controller import RobotController
+from snakeslam.runtime.robot.target_guard import NOT_FINITE
+from snakeslam.runtime.session.lockstep import Loop, build_loop
+from snakeslam.studies.experiment import run_loop
+from snakeslam.studies.recorder import Recorder
+from tests.server.still_robot import StillRobot
 
-N = 3
+MODEL = PRESETS["orthogonal24"]
+N = MODEL.joint_count
+CONFIG = Config(robot=RobotSettings(model="orthogonal24"))
 PERIOD_NS = 10_000_000
 
 
@@ -42,6 +52,7 @@ class FakeBackend:
 
     def __init__(self) -> None:
         self.t_ns = 0
+        self.model = MODEL
         self.targets: list[JointTarget | None] = []
         self._truth: list[GroundTruth] = []
 
@@ -59,19 +70,11 @@ class FakeBackend:
         return truth
 
 
-class FakeControl:
-    def __init__(self) -> None:
-        self.calls: list[tuple[Any, ...]] = []
-
-    def step(self, t_ns: int, *seen: Any) -> JointTarget:
-        self.calls.append((t_ns, *seen))
-        return JointTarget(t_ns, np.zeros(N))
-
-
 class FakeSlam:
     """Knows the pose of every frame but the second."""
 
-    def __init__(self) -> None:
+    def __init__(self, verdict: Verdict = Verdict.GOOD) -> None:
+        self.health = Health(verdict)
         self.packets: list[Packet] = []
         self.expected: list[JointTarget] = []
 
@@ -82,7 +85,7 @@ class FakeSlam:
         self.packets.append(packet)
         if not isinstance(packet, CameraFrame):
             return None
-        health = Health(Verdict.GOOD)
+        health = self.health
         pose = PoseEstimate(packet.t_ns, np.eye(4), np.zeros(3), np.eye(9), health)
         lost = packet.seq == 4
         empty = np.zeros((0, 2)), np.zeros(0), np.zeros(0)
@@ -109,12 +112,31 @@ class FakeSink:
         self.seen += [("truth", sample.t_ns) for sample in truth]
 
 
-def build(control: FakeControl | None) -> tuple[Loop, FakeBackend, FakeSlam, FakeSink]:
+class SpyControl(Control):
+    """The configured control; keeps what each step was given, and what it returned."""
+
+    def __init__(self, config: Config = CONFIG) -> None:
+        super().__init__(snake_model(config.robot), config.gait, config.head)
+        self.given: list[tuple[int, JointState | None, PoseEstimate | None, ImuSample | None]] = []
+        self.targets: list[JointTarget] = []
+
+    def step(
+        self, t_ns: int, joints: JointState | None, pose: PoseEstimate | None, imu: ImuSample | None
+    ) -> JointTarget:
+        self.given.append((t_ns, joints, pose, imu))
+        self.targets.append(super().step(t_ns, joints, pose, imu))
+        return self.targets[-1]
+
+
+def build(control: Control | None) -> tuple[Loop, FakeBackend, FakeSlam, FakeSink]:
     backend, slam, sink = FakeBackend(), FakeSlam(), FakeSink()
-    return Loop(backend, control, slam, sink), backend, slam, sink  # type: ignore[arg-type]
+    robot = None
+    if control is not None:
+        robot = RobotController(CONFIG, backend, control, lambda _: None, required={})  # type: ignore[arg-type]
+    return Loop(backend, robot, slam, sink), backend, slam, sink  # type: ignore[arg-type]
 
 
-def turn(loop: Loop) -> int:
+def run(loop: Loop) -> int:
     steps = 0
     while loop.step():
         steps += 1
@@ -122,7 +144,7 @@ def turn(loop: Loop) -> int:
 
 
 def test_one_step_in_order() -> None:
-    loop, _, _, sink = build(FakeControl())
+    loop, _, _, sink = build(SpyControl())
     loop.step()
     loop.step()
     assert sink.seen[5:] == [
@@ -137,11 +159,13 @@ def test_one_step_in_order() -> None:
 
 
 def test_control_sees_the_newest_of_everything_and_no_pose_when_it_is_lost() -> None:
-    control = FakeControl()
+    control = SpyControl()
     loop, backend, _, _ = build(control)
-    assert turn(loop) == 6
-    assert control.calls[0] == (0, None, None, None)
-    for k, (t_ns, state, pose, sample) in enumerate(control.calls[1:], start=1):
+    assert run(loop) == 6
+    assert control.given[0] == (0, None, None, None)
+    for k, (t_ns, state, pose, sample) in enumerate(control.given[1:], start=1):
+        assert state is not None
+        assert sample is not None
         assert (t_ns, state.t_ns, sample.t_ns) == (k * PERIOD_NS,) * 3
         assert (pose is None) == (k in (1, 4, 5))
     assert [target.t_ns for target in backend.targets if target] == [k * PERIOD_NS for k in range(7)]
@@ -149,7 +173,7 @@ def test_control_sees_the_newest_of_everything_and_no_pose_when_it_is_lost() -> 
 
 def test_a_recording_needs_no_control() -> None:
     loop, backend, slam, sink = build(None)
-    assert turn(loop) == 6
+    assert run(loop) == 6
     assert backend.targets == [None] * 7
     assert len(slam.packets) == 6 * 3 + 3
     assert not any(kind == "target" for kind, _ in sink.seen)
@@ -158,9 +182,9 @@ def test_a_recording_needs_no_control() -> None:
 def test_slam_is_timed_over_the_packets_of_a_frame(monkeypatch: pytest.MonkeyPatch) -> None:
     """Each call takes a second on this clock: two periods of three packets and the frame."""
     ticks = iter(np.arange(0.0, 1000.0))
-    monkeypatch.setattr("snakeslam.runtime.session.lockstep.perf_counter", lambda: float(next(ticks)))
+    monkeypatch.setattr("snakeslam.runtime.slam.runner.perf_counter", lambda: float(next(ticks)))
     loop, _, _, sink = build(None)
-    turn(loop)
+    run(loop)
     assert sink.slam_ms == [7000.0, 7000.0, 7000.0]
 
 
@@ -168,3 +192,45 @@ def test_opencv_is_made_deterministic() -> None:
     cv2.setNumThreads(2)
     build(None)
     assert cv2.getNumThreads() == 1
+
+
+def build_still(config: Config) -> tuple[Loop, SpyControl, StillRobot]:
+    backend, control = StillRobot(frame_every=10**9), SpyControl(config)
+    return build_loop(config, backend, Recorder(), slam=False, control=control, autostart=True), control, backend
+
+
+@pytest.mark.parametrize("gait", ["serpentine", "sidewinding", "arc_rolling", "helix_rolling", "pedal"])
+@pytest.mark.parametrize("head", ["none", "predictive"])
+def test_safety_passes_the_targets_of_a_scripted_run_bit_for_bit(gait: str, head: str) -> None:
+    """The same safety as live, and the bytes of every estimate stay what they were without it."""
+    config = CONFIG.model_copy(
+        update={
+            "gait": CONFIG.gait.model_validate({"name": gait}),
+            "head": CONFIG.head.model_copy(update={"controller": head}),
+        }
+    )
+    loop, control, backend = build_still(config)
+    run_loop(loop, 10_000_000_000, lambda _: None)
+    wanted, sent = (np.array([target.q_rad for target in targets]) for targets in (control.targets, backend.targets))
+    assert np.ptp(wanted, axis=0).max() > 0.1
+    assert np.array_equal(wanted, sent)
+
+
+def test_a_scripted_run_that_safety_holds_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    loop, _, backend = build_still(CONFIG)
+    run_loop(loop, 1_000_000_000, lambda _: None)
+    monkeypatch.setattr(Control, "step", lambda *_: JointTarget(0, np.full(N, np.nan)))
+    with pytest.raises(BackendError, match=NOT_FINITE):
+        run_loop(loop, 2_000_000_000, lambda _: None)
+    assert np.all(np.isfinite(backend.targets[-1].q_rad))
+
+
+def test_a_blind_scripted_run_goes_on_and_the_governor_slows_it() -> None:
+    """No operator could start it again; the governor of the live robot is wired in the same place."""
+    config = CONFIG.model_copy(update={"governor": GovernorSettings(enabled=True)})
+    control, slam = SpyControl(config), FakeSlam(Verdict.BLIND)
+    loop = build_loop(config, StillRobot(), Recorder(), slam=False, control=control, autostart=True)
+    loop._runner._slam = slam  # type: ignore[assignment]
+    run_loop(loop, 12_000_000_000, lambda _: None)
+    assert control.throttle == pytest.approx(config.governor.least_pace)
+    assert np.ptp([target.q_rad for target in control.targets[-100:]], axis=0).max() > 0.01

@@ -14,10 +14,10 @@ from snakeslam.messages import (
     SlamUpdate,
     Verdict,
 )
-from snakeslam.runtime.bus.merge import LONGEST_WAIT_NS, Merge
 from snakeslam.runtime.bus.wire import Sensors
 from snakeslam.runtime.process.clock import RobotClock
-from snakeslam.runtime.view.anchor import Anchor
+from snakeslam.runtime.slam.continuation import WorldContinuation
+from snakeslam.runtime.slam.merge import LONGEST_WAIT_NS, Merge
 
 MS = 1_000_000
 ZERO = np.zeros(3)
@@ -42,36 +42,36 @@ def words(items: list) -> list[tuple[str, int]]:
 def test_a_picture_comes_after_the_samples_up_to_its_middle_and_before_those_after() -> None:
     merge = Merge()
     for k in range(3):
-        assert merge.sensors(period(k)) == []
-    assert words(merge.frame(frame(15))) == [
+        assert merge.add_sensors(period(k)) == []
+    assert words(merge.add_frame(frame(15))) == [
         ("JointTarget", 0), ("ImuSample", 5), ("ImuSample", 10), ("JointState", 10),
         ("JointTarget", 10), ("ImuSample", 15), ("CameraFrame", 15),
     ]  # fmt: skip
-    assert words(merge.frame(frame(20)))[0] == ("ImuSample", 20)
+    assert words(merge.add_frame(frame(20)))[0] == ("ImuSample", 20)
 
 
 def test_a_picture_waits_for_its_samples() -> None:
     merge = Merge()
-    merge.sensors(period(0))
+    merge.add_sensors(period(0))
     assert not merge.ready(frame(15))
-    merge.sensors(period(1))
+    merge.add_sensors(period(1))
     assert merge.ready(frame(15))
 
 
 def test_samples_do_not_wait_for_ever_and_a_picture_later_still_is_dropped() -> None:
     merge, given = Merge(), []
     for k in range(LONGEST_WAIT_NS // (10 * MS) + 10):
-        given += merge.sensors(period(k))
+        given += merge.add_sensors(period(k))
     assert [item.t_ns for item in given] == sorted(item.t_ns for item in given)
     assert 50 * MS < given[-1].t_ns <= 100 * MS
-    assert merge.frame(frame(20)) == []
-    assert words(merge.frame(frame(500)))[-1] == ("CameraFrame", 500)
+    assert merge.add_frame(frame(20)) == []
+    assert words(merge.add_frame(frame(500)))[-1] == ("CameraFrame", 500)
 
 
 def test_what_never_came_is_counted() -> None:
     merge = Merge()
     for k in (4, 5, 9):
-        merge.sensors(period(k))
+        merge.add_sensors(period(k))
     assert merge.lost == 3
 
 
@@ -89,13 +89,13 @@ def update(estimate: PoseEstimate | None) -> SlamUpdate:
 
 def test_a_slam_that_begins_anew_goes_on_in_the_old_world() -> None:
     last = pose(0.5, [3.0, 1.0, 0.1], tilt_rad=0.2)
-    anchor = Anchor(last, first_key=700)
-    assert anchor.moved(update(None)).chunks == ()
-    first = anchor.moved(update(pose(0.0, [0.0, 0.0, 0.0], tilt_rad=0.2)))
+    continuation = WorldContinuation(last, first_key=700)
+    assert continuation.moved(update(None)).chunks == ()
+    first = continuation.moved(update(pose(0.0, [0.0, 0.0, 0.0], tilt_rad=0.2)))
     assert first.pose is not None
     assert np.allclose(first.pose.T_WI, last.T_WI)
     assert [chunk.key for chunk in first.chunks] == [703]
-    ahead = anchor.moved(update(pose(0.0, [1.0, 0.0, 0.0])))
+    ahead = continuation.moved(update(pose(0.0, [1.0, 0.0, 0.0])))
     assert ahead.pose is not None
     forward_W = np.array([np.cos(0.5), np.sin(0.5), 0.0])
     assert np.allclose(ahead.pose.T_WI[:3, 3], last.T_WI[:3, 3] + forward_W)
@@ -106,7 +106,7 @@ def test_a_slam_that_begins_anew_goes_on_in_the_old_world() -> None:
 
 def test_without_one_before_nothing_is_moved() -> None:
     plain = update(pose(0.3, [1.0, 2.0, 3.0]))
-    assert Anchor(None, 50).moved(plain) is plain
+    assert WorldContinuation(None, 50).moved(plain) is plain
 
 
 def test_the_robots_clock_is_read_behind_by_the_fastest_way_and_never_ahead() -> None:

@@ -14,8 +14,8 @@ from snakeslam.runtime.bus.commands import Drive, EStop, ResetEStop, RobotComman
 from snakeslam.runtime.bus.orders import Sender
 from snakeslam.runtime.bus.topics import Event, Phase, Tick
 from snakeslam.runtime.bus.wire import Estimate
-from snakeslam.runtime.robot.controller import Robot
-from snakeslam.runtime.robot.driving import LET_GO_FIRST, SILENT_HAND, SILENT_NS
+from snakeslam.runtime.robot.controller import RobotController
+from snakeslam.runtime.robot.deadman import DEADMAN_NS, INPUT_SILENT, RELEASE_FIRST
 from snakeslam.runtime.robot.safety import BEFORE_THE_HOLD, FROZEN, FROZEN_NS
 from snakeslam.runtime.session import compose
 from tests.server.still_robot import StillRobot
@@ -32,12 +32,12 @@ class Bench:
         self.events: list[Event] = []
         control = build_control(config, self.robot)
         assert control is not None
-        self.node = Robot(config, self.robot, control, self.events.append, required=required or {}, **options)
+        self.node = RobotController(config, self.robot, control, self.events.append, required=required or {}, **options)
         self.sender = Sender()
         self.now_ns = 0
 
     def take(self, command: RobotCommand) -> str | None:
-        return self.node.obey(self.sender.order(command, self.now_ns), self.now_ns)
+        return self.node.on_order(self.sender.order(command, self.now_ns), self.now_ns)
 
     def steps(self, count: int) -> np.ndarray:
         """Advance; return the targets that reached the robot."""
@@ -207,17 +207,17 @@ def test_a_silent_hand_holds_the_robot_in_time_and_is_told() -> None:
     bench = Bench()
     drive_for(bench, 5, Drive(1.0, 1.0, begins=True))
     bench.take(Drive(1.0, 1.0))
-    bench.steps(SILENT_NS // STEP_NS)
+    bench.steps(DEADMAN_NS // STEP_NS)
     assert bench.tick.moving
     bench.steps(1)
     assert not bench.tick.moving
     assert bench.tick.gait is not None
     assert bench.tick.gait.turn == 0.0
-    assert bench.tick.held_because == SILENT_HAND
-    assert ("error", f"held: {SILENT_HAND}; start to move again") in events(bench)
+    assert bench.tick.held_because == INPUT_SILENT
+    assert ("error", f"held: {INPUT_SILENT}; start to move again") in events(bench)
     bench.steps(15)
     assert np.ptp(bench.steps(20), axis=0).max() == 0.0, "at rest .45 s after the last word"
-    assert set(drive_for(bench, 3, Drive(1.0))) == {LET_GO_FIRST}
+    assert set(drive_for(bench, 3, Drive(1.0))) == {RELEASE_FIRST}
     assert np.ptp(bench.steps(20), axis=0).max() == 0.0, "a hand that was silent and did not let go moves it again"
     bench.take(Drive(0.0))
     assert bench.take(Drive(1.0)) is None
@@ -245,14 +245,14 @@ def test_a_gait_that_is_set_while_driving_keeps_the_drive() -> None:
 def test_a_hand_that_was_on_the_drive_in_a_hold_must_let_go_first() -> None:
     """Not only the E-stop: no input that was lost and is back again starts a robot by itself."""
     bench = Bench(required={"slam": "slam is silent"})
-    beat = lambda: bench.node.safety.beat("slam", bench.now_ns, bench.now_ns)  # noqa: E731
+    beat = lambda: bench.node.safety.on_heartbeat("slam", bench.now_ns, bench.now_ns)  # noqa: E731
     beat()
     assert bench.take(Drive(1.0, begins=True)) is None
     drive_for(bench, 6, Drive(1.0))
     assert bench.tick.held_because == "slam is silent"
     assert not bench.tick.moving
     beat()
-    assert set(drive_for(bench, 3, Drive(1.0))) == {LET_GO_FIRST}
+    assert set(drive_for(bench, 3, Drive(1.0))) == {RELEASE_FIRST}
     assert np.ptp(bench.steps(20), axis=0).max() == 0.0
     assert bench.take(Drive(0.0)) is None
     assert bench.tick.held_because == "slam is silent"
@@ -267,7 +267,7 @@ def test_an_estop_refuses_the_hand_until_it_has_been_reset_and_let_go() -> None:
     bench.take(EStop("x"))
     assert None not in drive_for(bench, 3, Drive(1.0))
     bench.take(ResetEStop())
-    assert drive_for(bench, 1, Drive(1.0)) == [LET_GO_FIRST]
+    assert drive_for(bench, 1, Drive(1.0)) == [RELEASE_FIRST]
     bench.take(Drive(0.0))
     assert bench.take(Drive(1.0)) is None
     assert [text for _, text in events(bench)].count("E-stop: x") == 1
@@ -286,7 +286,7 @@ def test_a_drive_that_lets_go_is_obeyed_however_late_it_comes() -> None:
     bench = Bench()
     drive_for(bench, 5, Drive(1.0, begins=True))
     release = Drive(0.0)
-    assert bench.node.obey(bench.sender.order(release, bench.now_ns - 10**9), bench.now_ns) is None
+    assert bench.node.on_order(bench.sender.order(release, bench.now_ns - 10**9), bench.now_ns) is None
     assert not bench.tick.moving
 
 
@@ -299,7 +299,7 @@ def test_the_governor_throttles_what_is_played_by_what_slam_says() -> None:
     for verdict, boot, pace in ((Verdict.GOOD, "", 1.0), (Verdict.BLIND, "of before", 1.0), (Verdict.BLIND, "", 0.35)):
         for _ in range(40):
             bench.steps(5)
-            bench.node.hear(estimate(bench, verdict, boot))
+            bench.node.on_estimate(estimate(bench, verdict, boot))
         assert bench.tick.governed is not None
         assert bench.tick.governed.pace == pytest.approx(pace)
     assert bench.tick.governed.phase is Phase.SLOW
@@ -358,7 +358,7 @@ def test_an_estop_is_latched_though_all_that_follows_it_fails(monkeypatch: pytes
     bench.take(Start())
     bench.steps(300)
     monkeypatch.setattr(bench.node._control, "command", breaks)
-    monkeypatch.setattr(bench.node, "_put", breaks)
+    monkeypatch.setattr(bench.node, "_on_event", breaks)
     bench.take(EStop("x"))
     assert bench.tick.estop_reason == "x"
     assert (np.abs(np.diff(bench.steps(100), axis=0)) / 0.01)[20:].max() == 0.0
@@ -366,7 +366,7 @@ def test_an_estop_is_latched_though_all_that_follows_it_fails(monkeypatch: pytes
 
 def test_a_press_from_before_this_node_was_started_moves_nothing() -> None:
     bench = Bench()
-    assert set(drive_for(bench, 5, Drive(1.0))) == {LET_GO_FIRST}
+    assert set(drive_for(bench, 5, Drive(1.0))) == {RELEASE_FIRST}
     assert not bench.tick.moving
     bench.take(Drive(0.0))
     assert bench.take(Drive(1.0)) is None
@@ -376,56 +376,56 @@ def test_a_press_from_before_this_node_was_started_moves_nothing() -> None:
 def test_a_press_that_was_refused_does_not_begin_when_the_reason_has_gone() -> None:
     bench = Bench(required={"slam": "slam is silent"})
     assert bench.take(Drive(1.0, begins=True)) == "slam is silent"
-    bench.node.safety.beat("slam", bench.now_ns, bench.now_ns)
-    assert bench.take(Drive(1.0)) == LET_GO_FIRST
+    bench.node.safety.on_heartbeat("slam", bench.now_ns, bench.now_ns)
+    assert bench.take(Drive(1.0)) == RELEASE_FIRST
     assert bench.take(Drive(1.0, begins=True)) is None
 
 
 def test_a_stop_ends_the_press_and_another_hand_does_not_go_on_with_it() -> None:
     bench = Bench()
     assert bench.take(Drive(1.0, deadman="a", begins=True)) is None
-    assert bench.take(Drive(1.0, deadman="b")) == LET_GO_FIRST
+    assert bench.take(Drive(1.0, deadman="b")) == RELEASE_FIRST
     assert bench.take(Drive(1.0, deadman="a")) is None
     bench.take(Stop())
-    assert bench.take(Drive(1.0, deadman="a")) == LET_GO_FIRST
+    assert bench.take(Drive(1.0, deadman="a")) == RELEASE_FIRST
     assert bench.take(Drive(1.0, deadman="b", begins=True)) is None
     bench.take(Drive(0.0, deadman="a"))
-    assert bench.take(Drive(1.0, deadman="b")) == LET_GO_FIRST, "a zero of any hand stops"
+    assert bench.take(Drive(1.0, deadman="b")) == RELEASE_FIRST, "a zero of any hand stops"
 
 
 @pytest.mark.parametrize("frozen", [Start(), Drive(1.0, begins=True)])
 def test_what_was_sent_before_a_freeze_or_a_hold_moves_nothing(frozen: RobotCommand) -> None:
     bench = Bench()
     sent_ns = bench.now_ns
-    bench.node.safety.turn(bench.now_ns)
+    bench.node.safety.on_iteration(bench.now_ns)
     bench.now_ns += FROZEN_NS + 100 * STEP_NS
-    bench.node.safety.turn(bench.now_ns)
+    bench.node.safety.on_iteration(bench.now_ns)
     late = bench.sender.order(frozen, bench.now_ns - STEP_NS)
-    assert bench.node.obey(late, bench.now_ns) == BEFORE_THE_HOLD
-    assert "old" in (bench.node.obey(bench.sender.order(frozen, sent_ns), bench.now_ns) or "")
+    assert bench.node.on_order(late, bench.now_ns) == BEFORE_THE_HOLD
+    assert "old" in (bench.node.on_order(bench.sender.order(frozen, sent_ns), bench.now_ns) or "")
     assert bench.take(frozen) is None
-    bench.node.stop_now("a reason")
+    bench.node.hold("a reason")
     late = bench.sender.order(frozen, bench.now_ns - STEP_NS)
-    assert bench.node.obey(late, bench.now_ns) == BEFORE_THE_HOLD
+    assert bench.node.on_order(late, bench.now_ns) == BEFORE_THE_HOLD
 
 
 def test_a_freeze_ends_the_press_before_the_orders_that_waited() -> None:
     bench = Bench()
     drive_for(bench, 3, Drive(1.0, begins=True))
-    bench.node.safety.turn(bench.now_ns)
+    bench.node.safety.on_iteration(bench.now_ns)
     bench.now_ns += 2 * FROZEN_NS
-    bench.node.safety.turn(bench.now_ns)
-    assert bench.take(Drive(1.0)) == LET_GO_FIRST
+    bench.node.safety.on_iteration(bench.now_ns)
+    assert bench.take(Drive(1.0)) == RELEASE_FIRST
     assert bench.tick.held_because == FROZEN
 
 
 def test_the_press_that_moves_the_robot_is_a_hold_when_it_is_refused() -> None:
     """As when an input fell silent before the first drive that came after it: nobody's hand is on the drive then."""
     bench = Bench(required={"slam": "slam is silent"})
-    bench.node.safety.beat("slam", bench.now_ns, bench.now_ns)
+    bench.node.safety.on_heartbeat("slam", bench.now_ns, bench.now_ns)
     assert bench.take(Drive(1.0, begins=True)) is None
     assert bench.tick.moving
-    bench.now_ns += SILENT_NS + STEP_NS
+    bench.now_ns += DEADMAN_NS + STEP_NS
     assert bench.take(Drive(1.0)) == "slam is silent"
     assert not bench.tick.moving
     assert bench.tick.held_because == "slam is silent"

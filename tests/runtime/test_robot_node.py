@@ -11,15 +11,15 @@ from snakeslam.runtime.bus.link import Link, unix_endpoint
 from snakeslam.runtime.bus.topics import CAMERA_READY, SLAM_BEAT
 from snakeslam.runtime.bus.wire import Beat, Hello
 from snakeslam.runtime.nodes.robot import RobotNode
-from snakeslam.runtime.robot.controller import Robot
+from snakeslam.runtime.robot.controller import RobotController
 
 PATIENCE_S = 10.0
 
 
-def _turn_until(node, condition):
+def _iterate_until(node, condition):
     until = time.monotonic() + PATIENCE_S
     while not condition() and time.monotonic() < until:
-        node.turn()
+        node.iterate()
     return condition()
 
 
@@ -31,8 +31,10 @@ def test_simulated_time_begins_when_camera_and_slam_are_there(tmp_path):
         closing(Bus(replace(link, listens=False))) as others,
         closing(build_simulator(config, "elsewhere")) as backend,
     ):
-        told = []
-        robot = Robot(config, backend, build_control(config, backend), told.append, boot="b", estop_reason=None)
+        events = []
+        robot = RobotController(
+            config, backend, build_control(config, backend), events.append, boot="b", estop_reason=None
+        )
         hello = Hello("b", 0, 0, backend.rig, config.robot, config.run.seed, simulated=True)
         node = RobotNode(robot, bus, hello, camera=True)
 
@@ -41,8 +43,8 @@ def test_simulated_time_begins_when_camera_and_slam_are_there(tmp_path):
 
         for ready in ((CAMERA_READY, Beat("camera", 0)), (SLAM_BEAT, Beat("slam", time.monotonic_ns()))):
             for _ in range(30):
-                node.turn()
+                node.iterate()
             assert not begun()
             others.publish(*ready)
-            assert _turn_until(node, node._inbox.camera.is_set)
-        assert _turn_until(node, begun)
+            assert _iterate_until(node, node._inbox.camera_ready.is_set)
+        assert _iterate_until(node, begun)

@@ -11,7 +11,7 @@ def played(pace: float, *, simulated: bool = True) -> RobotTime:
     """A robot that has gone on for 100 control periods at ``pace``, up to 1 s of its own time."""
     found = RobotTime(simulated=simulated)
     for k in range(101):
-        found.turn(round(k * 10 * MS / pace), k * 10 * MS)
+        found.add(round(k * 10 * MS / pace), k * 10 * MS)
     return found
 
 
@@ -39,8 +39,8 @@ def test_the_future_stays_as_far_ahead_and_the_past_beyond_memory_as_far_behind(
 def test_a_freeze_counts_in_full_and_a_wait_does_not() -> None:
     waits, freezes = played(1.0), played(1.0)
     for k in range(1, 31):
-        waits.turn((1000 + k * 50) * MS, 1000 * MS)
-    freezes.turn(2500 * MS, 1000 * MS)
+        waits.add((1000 + k * 50) * MS, 1000 * MS)
+    freezes.add(2500 * MS, 1000 * MS)
     assert waits.at(2500 * MS) == waits.of_stamp(1100 * MS, 2500 * MS)
     assert freezes.at(2500 * MS) - freezes.of_stamp(1100 * MS, 2500 * MS) >= 1400 * MS
 

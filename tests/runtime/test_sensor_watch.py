@@ -5,7 +5,7 @@ from collections.abc import Callable
 import pytest
 
 from snakeslam.messages import Health, Verdict
-from snakeslam.runtime.view.sensor_watch import CAMERA, IMU, JOINTS, SILENT_NS, SensorWatch, with_faults
+from snakeslam.runtime.slam.sensor_watch import CAMERA, IMU, JOINTS, SILENT_NS, SensorWatch, with_faults
 
 STEP_NS = 10_000_000
 FRAME_NS = 50_000_000

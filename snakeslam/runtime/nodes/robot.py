@@ -1,4 +1,4 @@
-"""The robot node: the robot's loop in real time, on the bus; the simulator's camera is a process beside it."""
+"""The robot node: the robot controller in real time, on the bus; a simulator's camera is a process beside it."""
 
 from collections import deque
 from collections.abc import Callable
@@ -13,6 +13,7 @@ import structlog
 from snakeslam.backends.base import Backend
 from snakeslam.errors import InputError
 from snakeslam.garbage import collect_seldom
+from snakeslam.messages import CameraFrame, ImuSample, JointState
 from snakeslam.runtime.assembly.build import build_backend, build_control, build_simulator
 from snakeslam.runtime.assembly.spec import SessionSpec
 from snakeslam.runtime.bus.bus import Bus
@@ -20,41 +21,52 @@ from snakeslam.runtime.bus.commands import EStop
 from snakeslam.runtime.bus.link import Link
 from snakeslam.runtime.bus.shapes import robot_sizes
 from snakeslam.runtime.bus.topics import EXPOSURES, FRAMES, HELLO, ROBOT_EVENTS, ROBOT_STATE, SENSORS, Event
-from snakeslam.runtime.bus.wire import Beat, Exposure, Hello, Order
+from snakeslam.runtime.bus.wire import Beat, Exposure, Hello, Order, Sensors
 from snakeslam.runtime.nodes.camera import camera_process
 from snakeslam.runtime.process.log_limit import LogLimit
 from snakeslam.runtime.process.node import Life
 from snakeslam.runtime.process.priority import go_first
 from snakeslam.runtime.process.supervisor import Supervisor
-from snakeslam.runtime.robot.controller import Robot, Step
+from snakeslam.runtime.robot.controller import RobotController, Step
 from snakeslam.runtime.robot.inbox import Inbox, drain
 from snakeslam.runtime.robot.safety import SLAM
+from snakeslam.runtime.robot.target_guard import STEP_S
 from snakeslam.runtime.robot.time import RobotTime
 
-STATE_S, HELLO_S, LAST_HOLD_S = 0.05, 0.2, 0.4
-LAG_NS, PATIENCE_S, FIRST_PATIENCE_S = 300_000_000, 1.0, 20.0
-"""A simulator that is this far ahead of slam's pictures waits, as long as slam gets on within PATIENCE_S; for slam and
-its camera to be there at all, and for the first picture, it waits FIRST_PATIENCE_S."""
-STEP_S = 0.01
+STATE_S, HELLO_S = 0.05, 0.2
+LAST_HOLD_S = 0.4
+"""The time that a hold takes: the node ends after it, and so does a backend that has failed for so long."""
+LAG_NS = 300_000_000
+"""A simulator that is this far ahead of the frames that slam has processed waits for slam."""
+PATIENCE_S, FIRST_PATIENCE_S = 1.0, 20.0
+"""It waits no longer than this for a slam that makes no progress, or at the beginning for slam and camera to start."""
+RETRY_S = 0.005
 _log = structlog.get_logger("robot")
 
 
 class RobotNode:
-    """One robot on one bus; ``turn`` does what is due.
+    """One robot on one bus; each ``iterate`` does what is due.
 
-    Whatever fails on the way (a message, control, publishing) holds the robot and is reported, and the loop goes on:
-    the brake ramp is made by it. Only a backend that fails for as long as a hold takes ends it.
+    Whatever fails on the way (a message, control, publishing) holds the robot and is reported, and the loop goes on,
+    because it is the loop that brakes the robot. Only a backend that fails for as long as a hold takes ends it.
 
-    With a ``camera`` in a process of its own the simulator does not begin before it: it would miss the first pictures.
+    With a ``camera`` in a process of its own the simulation does not begin before that is ready, so that no frame is
+    missed. ``deaths`` gets the reason each time that process dies.
     """
 
     def __init__(
-        self, robot: Robot, bus: Bus, hello: Hello, camera: bool = False, deaths: deque[str] | None = None
+        self,
+        robot: RobotController,
+        bus: Bus,
+        hello: Hello,
+        camera: bool = False,
+        deaths: deque[str] | None = None,
     ) -> None:
         self._robot, self._bus, self._hello = robot, bus, hello
         self._inbox, self._time = Inbox(), RobotTime(simulated=hello.simulated)
         self._inbox.subscribe(bus)
         self._limit = LogLimit()
+        self._seq = 0
         self._failing_since_s: float | None = None
         self._camera, self._slam_there = camera, False
         self._deaths = deque[str]() if deaths is None else deaths
@@ -62,44 +74,44 @@ class RobotNode:
         self._t_slam_ns: int | None = None
         self._patient_until_s = monotonic() + FIRST_PATIENCE_S
 
-    def turn(self) -> bool:
-        """Wait for commands until the next control period, then do it; False at the backend's end."""
+    def iterate(self) -> bool:
+        """Wait for commands until the next control period, then do it; return False at the backend's end."""
         self._inbox.wake.wait(max(0.0, self._due_s - monotonic()))
         self._inbox.wake.clear()
-        self._latch()
-        self._guarded("the clock", self._note_time)
-        self._take()
-        self._guarded("publishing", self._tell_deaths)
+        self._handle_estops()
+        self._guarded("the clock", self._note_iteration)
+        self._handle_messages()
+        self._guarded("publishing", self._report_deaths)
         now_s = monotonic()
         if now_s >= self._due_s and not self._slam_lags(now_s):
             self._due_s = now_s + STEP_S
             if not self._step():
                 return False
         elif now_s >= self._due_s:
-            self._due_s = now_s + 0.005
+            self._due_s = now_s + RETRY_S
         if now_s >= self._state_s:
-            self.report()
+            self.publish_state()
         if now_s >= self._hello_s:
             self._hello_s = now_s + HELLO_S
             self._guarded("publishing", lambda: self._bus.publish(HELLO, self._newest_hello()))
         return True
 
-    def report(self) -> None:
+    def publish_state(self) -> None:
         """Publish the state now."""
         self._state_s = monotonic() + STATE_S
         self._guarded("publishing", lambda: self._bus.publish(ROBOT_STATE, self._robot.state(monotonic_ns())))
 
     def _guarded(self, what: str, do: Callable[[], None]) -> None:
-        """Do it; an error holds the robot instead of ending the loop."""
+        """Call ``do``; an error in it holds the robot instead of ending the loop."""
         try:
             do()
         except Exception as error:  # noqa: BLE001
             self._robot.fault(what, error)
 
-    def _note_time(self) -> None:
+    def _note_iteration(self) -> None:
         clock_ns = monotonic_ns()
-        self._time.turn(clock_ns, self._robot.backend.t_ns)
-        self._robot.safety.turn(clock_ns, self._time.at(clock_ns))
+        self._time.add(clock_ns, self._robot.backend.t_ns)
+        self._robot.safety.on_iteration(clock_ns, self._time.at(clock_ns))
 
     def _newest_hello(self) -> Hello:
         robot = self._robot
@@ -111,57 +123,57 @@ class RobotNode:
             last_pose_holds=robot.last_pose_holds,
         )
 
-    def _latch(self) -> None:
-        """Handle the E-stops that have come: all are latched before anything else is done with the first."""
-        orders = drain(self._inbox.urgent)
+    def _handle_estops(self) -> None:
+        """Handle the E-stops that have arrived; all are latched before anything else is done for the first."""
+        orders = drain(self._inbox.estops)
         for order in orders:
             if isinstance(order.command, EStop):
                 self._robot.safety.latch(order.command.reason)
         for order in orders:
             if isinstance(order.command, EStop):
-                self._guarded("an E-stop", partial(self._obey, order))
+                self._guarded("an E-stop", partial(self._on_order, order))
             else:
-                self._drop(f"{type(order.command).__name__} is no E-stop")
+                self._log_dropped(f"{type(order.command).__name__} is no E-stop")
         if orders:
-            self.report()
+            self.publish_state()
 
-    def _take(self) -> None:
-        """Handle what has come, each message by itself; an E-stop that comes meanwhile goes first."""
-        for name, beat in drain(self._inbox.beats):
-            self._guarded("a heartbeat", partial(self._on_beat, name, beat))
-        orders = drain(self._inbox.orders)
+    def _handle_messages(self) -> None:
+        """Handle what has arrived, each message by itself; an E-stop that arrives meanwhile is handled first."""
+        for name, heartbeat in drain(self._inbox.heartbeats):
+            self._guarded("a heartbeat", partial(self._on_heartbeat, name, heartbeat))
+        orders = drain(self._inbox.commands)
         for order in orders:
-            if self._inbox.urgent:
-                self._latch()
-            self._guarded("a command", partial(self._obey, order))
+            if self._inbox.estops:
+                self._handle_estops()
+            self._guarded("a command", partial(self._on_order, order))
         for estimate in drain(self._inbox.estimates):
-            self._guarded("an estimate", partial(self._robot.hear, estimate))
+            self._guarded("an estimate", partial(self._robot.on_estimate, estimate))
         if orders:
-            self.report()
+            self.publish_state()
 
-    def _on_beat(self, name: str, beat: Beat) -> None:
+    def _on_heartbeat(self, name: str, heartbeat: Beat) -> None:
         clock_ns = monotonic_ns()
-        stamp_ns = self._time.of_stamp(beat.stamp_ns, clock_ns)
-        self._robot.safety.beat(name, stamp_ns, self._time.at(clock_ns))
+        stamp_ns = self._time.of_stamp(heartbeat.stamp_ns, clock_ns)
+        self._robot.safety.on_heartbeat(name, stamp_ns, self._time.at(clock_ns))
         if name == SLAM:
-            self._robot.safety.report_missing(SLAM, beat.missing)
-            self._note_progress(beat)
+            self._robot.safety.set_missing(SLAM, heartbeat.missing)
+            self._note_progress(heartbeat)
 
-    def _obey(self, order: Order) -> None:
+    def _on_order(self, order: Order) -> None:
         clock_ns = monotonic_ns()
         order = replace(order, stamp_ns=self._time.of_stamp(order.stamp_ns, clock_ns))
-        self._robot.obey(order, self._time.at(clock_ns))
+        self._robot.on_order(order, self._time.at(clock_ns))
 
-    def _drop(self, reason: str) -> None:
+    def _log_dropped(self, reason: str) -> None:
         left_out = self._limit.due("dropped")
         if left_out is not None:
             _log.warning("dropped", reason=reason, left_out=left_out)
 
     def _step(self) -> bool:
-        """Do one control period; False at the backend's end. A backend that fails is braked for as long as it takes."""
+        """Do one control period; return False at the backend's end. Raises when the backend goes on failing."""
         clock_ns = monotonic_ns()
         try:
-            step = self._robot.step(self._time.at(clock_ns), clock_ns)
+            step = self._robot.step(self._time.at(clock_ns))
         except Exception as error:
             self._robot.fault("the robot", error)
             self._failing_since_s = self._failing_since_s or monotonic()
@@ -171,36 +183,42 @@ class RobotNode:
         self._failing_since_s = None
         if step is None:
             return False
-        self._guarded("publishing", partial(self._publish, step))
+        self._guarded("publishing", partial(self._publish, step, clock_ns))
         self._due_s = monotonic() + self._robot.pacer.wait_s(self._robot.backend.t_ns)
         return True
 
-    def _publish(self, step: Step) -> None:
-        self._bus.publish(SENSORS, step.sensors)
-        for frame in step.frames:
-            self._bus.publish(FRAMES, frame)
+    def _publish(self, step: Step, stamp_ns: int) -> None:
+        imu = tuple(packet for packet in step.packets if isinstance(packet, ImuSample))
+        joints = [packet for packet in step.packets if isinstance(packet, JointState)]
+        boot, newest_joints = self._robot.boot, joints[-1] if joints else None
+        sensors = Sensors(boot, self._seq, stamp_ns, imu, newest_joints, step.target, tuple(step.truth))
+        self._seq += 1
+        self._bus.publish(SENSORS, sensors)
+        for packet in step.packets:
+            if isinstance(packet, CameraFrame):
+                self._bus.publish(FRAMES, packet)
         take_shots = getattr(self._robot.backend, "take_shots", None)
         for shot in take_shots() if take_shots is not None else ():
-            self._bus.publish(EXPOSURES, Exposure(self._robot.boot, shot))
+            self._bus.publish(EXPOSURES, Exposure(boot, shot))
 
-    def _note_progress(self, beat: Beat) -> None:
+    def _note_progress(self, heartbeat: Beat) -> None:
         self._slam_there = True
-        if beat.t_frame_ns is not None and beat.t_frame_ns != self._t_slam_ns:
-            self._t_slam_ns, self._patient_until_s = beat.t_frame_ns, monotonic() + PATIENCE_S
+        if heartbeat.t_frame_ns is not None and heartbeat.t_frame_ns != self._t_slam_ns:
+            self._t_slam_ns, self._patient_until_s = heartbeat.t_frame_ns, monotonic() + PATIENCE_S
 
-    def _tell_deaths(self) -> None:
-        """Tell of the camera's deaths; simulated time does not wait for the pictures of a camera that has died."""
+    def _report_deaths(self) -> None:
+        """Report each death of the camera's process; simulated time does not wait for the frames of a dead camera."""
         while self._deaths:
             text = f"the camera's process: {self._deaths.popleft()}; it is started again"
             self._bus.publish(ROBOT_EVENTS, Event(self._robot.backend.t_ns, "error", text))
-            if self._inbox.camera.is_set():
+            if self._inbox.camera_ready.is_set():
                 self._patient_until_s = monotonic()
 
     def _slam_lags(self, now_s: float) -> bool:
-        """Whether simulated time has to wait for the estimator; a real robot's never does, nor for a frozen one."""
+        """Return whether simulated time has to wait for slam; a real robot's time never does, nor for a frozen slam."""
         if not self._hello.simulated or now_s > self._patient_until_s:
             return False
-        if not self._slam_there or (self._camera and not self._inbox.camera.is_set()):
+        if not self._slam_there or (self._camera and not self._inbox.camera_ready.is_set()):
             return True
         reached_ns = self._robot.t_start_ns if self._t_slam_ns is None else self._t_slam_ns
         return self._robot.backend.t_ns - reached_ns > LAG_NS
@@ -211,62 +229,65 @@ def run_robot(spec: SessionSpec, link: Link, life: Life) -> None:
     go_first()
     deaths = deque[str]()
 
-    def note_death(name: str, reason: str, final: bool) -> None:
+    def on_death(name: str, reason: str, final: bool) -> None:
         _log.error("a part of the robot node ended", part=name, reason=reason, final=final)
         if not final:
             deaths.append(reason)
 
-    # Without pictures the robot is held, so that nothing is gained by giving the camera up.
-    parts = Supervisor(note_death, endless=True)
-    apart = spec.build is None and spec.recording is None
+    # Endless, because a robot without a camera is held anyway: giving the camera up would gain nothing.
+    parts = Supervisor(on_death, endless=True)
+    camera_apart = spec.build is None and spec.recording is None
     try:
-        if apart:
+        if camera_apart:
             # It takes as long to build as the simulator itself: both at the same time.
             parts.start("camera", lambda: camera_process(spec.config, replace(link, listens=False)))
         with closing(_build(spec)) as backend, closing(Bus(link, wanted=lambda: not life.over)) as bus:
-            robot = _robot(spec, backend, bus)
+            robot = _controller(spec, backend, bus)
             bus.expect(robot_sizes(robot.joint_count))
             collect_seldom()
-            _go_on(RobotNode(robot, bus, _hello(spec, robot), apart, deaths), robot, life)
+            _run(RobotNode(robot, bus, _hello(spec, robot), camera_apart, deaths), robot, life)
     finally:
         parts.close()
 
 
-def _robot(spec: SessionSpec, backend: Backend, bus: Bus) -> Robot:
+def _controller(spec: SessionSpec, backend: Backend, bus: Bus) -> RobotController:
     control = build_control(spec.config, backend)
     if control is None:
         raise InputError("the robot node", "a recording has no robot", "a simulator or a real robot")
+    return RobotController(
+        spec.config,
+        backend,
+        control,
+        lambda event: bus.publish(ROBOT_EVENTS, event),
+        boot=uuid4().hex[:16],
+        estop_reason=spec.estop_reason,
+        autostart=spec.autostart,
+    )
 
-    def say(event: Event) -> None:
-        bus.publish(ROBOT_EVENTS, event)
 
-    boot, latched, autostart = uuid4().hex[:16], spec.estop_reason, spec.autostart
-    return Robot(spec.config, backend, control, say, boot=boot, estop_reason=latched, autostart=autostart)
-
-
-def _hello(spec: SessionSpec, robot: Robot) -> Hello:
+def _hello(spec: SessionSpec, robot: RobotController) -> Hello:
     backend, config = robot.backend, spec.config
     simulated = hasattr(backend, "take_shots")
     return Hello(robot.boot, 0, backend.t_ns, backend.rig, config.robot, config.run.seed, simulated)
 
 
-def _go_on(node: RobotNode, robot: Robot, life: Life) -> None:
-    """Run until the life is over, and a little longer to come to rest, after an error too."""
+def _run(node: RobotNode, robot: RobotController, life: Life) -> None:
+    """Run until the life is over, then brake the robot to a hold; after an error too."""
     try:
         while not life.over:
-            if not node.turn():
+            if not node.iterate():
                 return
     except Exception:
         with suppress(Exception):  # the first error is the one to report
-            _come_to_rest(node, robot)
+            _brake(node, robot)
         raise
-    _come_to_rest(node, robot)
+    _brake(node, robot)
 
 
-def _come_to_rest(node: RobotNode, robot: Robot) -> None:
-    robot.stop_now("the robot node ends")
+def _brake(node: RobotNode, robot: RobotController) -> None:
+    robot.hold("the robot node ends")
     end_s = monotonic() + LAST_HOLD_S
-    while monotonic() < end_s and node.turn():
+    while monotonic() < end_s and node.iterate():
         pass
 
 

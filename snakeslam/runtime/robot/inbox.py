@@ -1,4 +1,4 @@
-"""What the robot node has received from the bus and not yet handled."""
+"""What the robot node has received from the bus and not handled yet."""
 
 import threading
 from collections import deque
@@ -17,30 +17,33 @@ KEPT = 256
 
 @dataclass(slots=True)
 class Inbox:
-    """Filled in the bus's threads, emptied by the robot node's loop alone; each queue is bounded, the oldest go."""
+    """Filled by the bus's threads and emptied by the robot node's loop; a full queue drops its oldest message.
+
+    ``wake`` is set when a command arrives, ``camera_ready`` once the simulator's camera is there.
+    """
 
     wake: threading.Event = field(default_factory=threading.Event)
-    urgent: deque[Order] = field(default_factory=lambda: deque[Order](maxlen=KEPT))
-    orders: deque[Order] = field(default_factory=lambda: deque[Order](maxlen=KEPT))
-    beats: deque[tuple[str, Beat]] = field(default_factory=lambda: deque[tuple[str, Beat]](maxlen=KEPT))
+    estops: deque[Order] = field(default_factory=lambda: deque[Order](maxlen=KEPT))
+    commands: deque[Order] = field(default_factory=lambda: deque[Order](maxlen=KEPT))
+    heartbeats: deque[tuple[str, Beat]] = field(default_factory=lambda: deque[tuple[str, Beat]](maxlen=KEPT))
     estimates: deque[Estimate] = field(default_factory=lambda: deque[Estimate](maxlen=1))
-    camera: threading.Event = field(default_factory=threading.Event)
+    camera_ready: threading.Event = field(default_factory=threading.Event)
 
     def subscribe(self, bus: Bus) -> None:
         """Receive from ``bus`` from now on."""
-        bus.subscribe(ESTOP, self._waking(self.urgent))
-        bus.subscribe(ORDERS, self._waking(self.orders))
-        bus.subscribe(SERVER_BEAT, lambda beat: self.beats.append((SERVER, beat)))
-        bus.subscribe(SLAM_BEAT, lambda beat: self.beats.append((SLAM, beat)))
+        bus.subscribe(ESTOP, self._add_and_wake(self.estops))
+        bus.subscribe(ORDERS, self._add_and_wake(self.commands))
+        bus.subscribe(SERVER_BEAT, lambda heartbeat: self.heartbeats.append((SERVER, heartbeat)))
+        bus.subscribe(SLAM_BEAT, lambda heartbeat: self.heartbeats.append((SLAM, heartbeat)))
         bus.subscribe(ESTIMATES, self.estimates.append)
-        bus.subscribe(CAMERA_READY, lambda _: self.camera.set())
+        bus.subscribe(CAMERA_READY, lambda _: self.camera_ready.set())
 
-    def _waking(self, queue: "deque[Order]") -> Callable[[Order], None]:
-        def put(order: Order) -> None:
+    def _add_and_wake(self, queue: "deque[Order]") -> Callable[[Order], None]:
+        def add(order: Order) -> None:
             queue.append(order)
             self.wake.set()
 
-        return put
+        return add
 
 
 def drain(queue: "deque[T]") -> list[T]:

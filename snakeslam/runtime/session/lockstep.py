@@ -1,104 +1,87 @@
-"""The loop: packets -> slam -> control -> backend, as fast as it can in a scripted run, paced in the live view."""
+"""A run in lockstep: packets -> slam -> robot controller -> backend, as fast as the machine can; deterministic."""
 
 from collections.abc import Sequence
-from time import perf_counter
-from typing import Protocol
-
-import cv2
 
 from snakeslam.backends.base import Backend
+from snakeslam.config import Config
 from snakeslam.control import Control
-from snakeslam.messages import (
-    CameraFrame,
-    GroundTruth,
-    ImuSample,
-    JointState,
-    JointTarget,
-    Packet,
-    PoseEstimate,
-    SlamUpdate,
-)
-from snakeslam.runtime.robot.governor import Governor
+from snakeslam.errors import BackendError
+from snakeslam.messages import GroundTruth, Packet
+from snakeslam.runtime.assembly.build import build_control, build_slam
+from snakeslam.runtime.bus.topics import Event
+from snakeslam.runtime.bus.wire import Estimate
+from snakeslam.runtime.robot.controller import RobotController
+from snakeslam.runtime.slam.runner import Sink, SlamRunner
 from snakeslam.slam import Slam
 
-
-class Sink(Protocol):
-    """Takes what a run gives: the recorder of a scripted run, the live view."""
-
-    def on_target(self, target: JointTarget) -> None:
-        """Take what control commanded for the step that follows."""
-        ...
-
-    def on_packet(self, packet: Packet) -> None:
-        """Take a packet, before slam has it."""
-        ...
-
-    def on_update(self, update: SlamUpdate, frame: CameraFrame, slam_ms: float) -> None:
-        """Take slam's word on a frame, and the time it took over it and the packets since the frame before."""
-        ...
-
-    def on_truth(self, truth: Sequence[GroundTruth]) -> None:
-        """Take the truth of the step."""
-        ...
+NS = 1e-9
 
 
 class Loop:
-    """One backend, its control (None for a recording) and slam (None: no estimate), in deterministic lockstep.
+    """One backend, its robot's controller (None for a recording) and slam (None: no estimate), in lockstep.
 
-    A ``governor`` throttles control by what slam says of itself.
+    Slam and the controller, with its safety and governor, are those of a live session.
     """
 
-    def __init__(
-        self,
-        backend: Backend,
-        control: Control | None,
-        slam: Slam | None,
-        sink: Sink,
-        governor: Governor | None = None,
-    ) -> None:
-        # The same picture must give the same features in every run, on any number of cores.
-        cv2.setNumThreads(1)
-        cv2.setRNGSeed(0)
-        self.backend, self.control, self.slam, self.sink = backend, control, slam, sink
-        self.governor = governor
-        self.pose: PoseEstimate | None = None
-        self._joints: JointState | None = None
-        self._imu: ImuSample | None = None
-        self._slam_ms = 0.0
+    def __init__(self, backend: Backend, robot: RobotController | None, slam: Slam | None, sink: Sink) -> None:
+        self.backend, self._robot = backend, robot
+        self._runner = SlamRunner(slam, sink)
 
     def step(self) -> bool:
-        """Advance one control period (a recording: one packet); return False at the end."""
-        packets = self.backend.step(self._target())
+        """Advance one control period (a recording: one packet); return False at the end.
+
+        BackendError when safety holds the robot: there is no operator who could start it again.
+        """
+        packets, truth = self._advance() if self._robot is not None else self._replay()
         for packet in packets or ():
-            self._take(packet)
-        truth = self.backend.take_ground_truth()
-        if truth:
-            self.sink.on_truth(truth)
+            update = self._runner.add(packet)
+            if update is not None and self._robot is not None:
+                self._robot.on_estimate(Estimate(self._robot.boot, update.t_ns, update.health, update.pose))
+        self._runner.on_truth(truth)
         return packets is not None
 
-    def _target(self) -> JointTarget | None:
-        if self.control is None:
-            return None
-        target = self.control.step(self.backend.t_ns, self._joints, self.pose, self._imu)
-        if self.slam is not None:
-            self.slam.expect(target)
-        self.sink.on_target(target)
-        return target
+    def _replay(self) -> tuple[Sequence[Packet] | None, Sequence[GroundTruth]]:
+        packets = self.backend.step(None)
+        return packets, self.backend.take_ground_truth()
 
-    def _take(self, packet: Packet) -> None:
-        if isinstance(packet, JointState):
-            self._joints = packet
-        elif isinstance(packet, ImuSample):
-            self._imu = packet
-        self.sink.on_packet(packet)
-        if self.slam is None:
-            return
-        started = perf_counter()
-        update = self.slam.process(packet)
-        self._slam_ms += (perf_counter() - started) * 1e3
-        if update is not None and isinstance(packet, CameraFrame):
-            self.pose = update.pose
-            if self.governor is not None and self.control is not None:
-                self.control.throttle = self.governor.step(update.t_ns, update.health).pace
-            self.sink.on_update(update, packet, self._slam_ms)
-            self._slam_ms = 0.0
+    def _advance(self) -> tuple[Sequence[Packet] | None, Sequence[GroundTruth]]:
+        assert self._robot is not None
+        t_ns = self.backend.t_ns
+        step = self._robot.step(t_ns)
+        held_because = self._robot.safety.held_because
+        if held_because is not None:
+            raise BackendError(f"the robot was held at {t_ns * NS:.2f} s of the run: {held_because}")
+        if step is None:
+            return None, self.backend.take_ground_truth()
+        if step.target is not None:
+            self._runner.add(step.target)
+        return step.packets, step.truth
+
+
+def build_loop(
+    config: Config,
+    backend: Backend,
+    sink: Sink,
+    *,
+    slam: bool = True,
+    control: Control | None = None,
+    autostart: bool = False,
+) -> Loop:
+    """Return the loop over ``backend``, with slam unless it is left out; InputError where the settings cannot be run.
+
+    ``control`` None is the configured one. The robot is stationary until ``run.rest_s`` with ``autostart``, else until
+    the caller commands ``control``. No heartbeat is required, and blindness does not hold the robot, because a scripted
+    run has no operator who could start it again.
+    """
+    control = build_control(config, backend) if control is None else control
+    robot = None
+    if control is not None:
+        safety = config.safety.model_copy(update={"max_blind_s": 0.0})
+        robot = RobotController(
+            config.model_copy(update={"safety": safety}), backend, control, _ignore, required={}, autostart=autostart
+        )
+    return Loop(backend, robot, build_slam(config, backend) if slam else None, sink)
+
+
+def _ignore(event: Event) -> None:
+    """A scripted run has no timeline: what goes wrong raises an error."""

@@ -18,18 +18,18 @@ from snakeslam.backends.replay.backend import ReplayBackend
 from snakeslam.config import Config
 from snakeslam.errors import SnakeslamError
 from snakeslam.messages import CameraFrame, Float, JointState, JointTarget, Packet
-from snakeslam.runtime.assembly.build import build_slam, mode_for
+from snakeslam.runtime.assembly.build import mode_for
 from snakeslam.runtime.assembly.spec import SessionSpec
 from snakeslam.runtime.bus.commands import Command, ControlPlayback, Shutdown
 from snakeslam.runtime.bus.topics import Answer, Ended, Event, Features, Report, RobotState
 from snakeslam.runtime.process.priority import go_along
 from snakeslam.runtime.session import compose
-from snakeslam.runtime.session.lockstep import Loop
+from snakeslam.runtime.session.lockstep import build_loop
 from snakeslam.runtime.session.outbox import Outbox
 from snakeslam.runtime.session.playback import MOMENTS_KEPT, Moment, Player
+from snakeslam.runtime.slam.sensor_watch import SensorWatch
 from snakeslam.runtime.view.live import PERIOD_S, LiveSink
 from snakeslam.runtime.view.pictures import picture_of
-from snakeslam.runtime.view.sensor_watch import SensorWatch
 from snakeslam.threads import use_one_thread
 
 IDLE_S = 0.25
@@ -68,7 +68,7 @@ class Session:
         R_IC = self.backend.rig.cam0.T_IC[:3, :3]
         self._sink = _Sink(self.backend.model, self._on_report, R_IC, gravity_known=self._mode != "visual")
         self._sink.watch = SensorWatch.of(self.backend.rig, self._mode, joints=self.backend.model is not None)
-        self._loop = Loop(self.backend, None, build_slam(config, self.backend), self._sink)
+        self._loop = build_loop(config, self.backend, self._sink)
         self._player = Player(self.backend.frame_stamps_ns)
         self._moments: deque[Moment] = deque(maxlen=MOMENTS_KEPT)
         self._shown: Moment | None = None

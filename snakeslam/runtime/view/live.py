@@ -24,7 +24,8 @@ from snakeslam.messages import (
 from snakeslam.robot.kinematics import link_poses_from_imu
 from snakeslam.robot.model import SnakeModel
 from snakeslam.runtime.bus.topics import Event, Features, Report, SlamState
-from snakeslam.runtime.view.sensor_watch import CAMERA, JOINTS, SensorFault, with_faults
+from snakeslam.runtime.slam.continuation import yaw_alignment
+from snakeslam.runtime.slam.sensor_watch import CAMERA, JOINTS, SensorFault, with_faults
 from snakeslam.runtime.view.stillness import HeadStillness
 
 NS = 1e-9
@@ -64,15 +65,6 @@ class TruthView:
         after = bisect_left(self._recent, t_ns, key=lambda truth: truth.t_ns)
         around = [self._recent[k] for k in (after - 1, after) if 0 <= k < len(self._recent)]
         return min(around, key=lambda truth: abs(truth.t_ns - t_ns), default=None)
-
-
-def yaw_alignment(T_WI: Float, T_GI: Float) -> Float:
-    """Return T_WG (4, 4) of yaw and translation only that brings pose ``T_GI`` onto ``T_WI``."""
-    R = T_WI[:3, :3] @ T_GI[:3, :3].T
-    yaw = np.arctan2(R[1, 0] - R[0, 1], R[0, 0] + R[1, 1])
-    c, s = np.cos(yaw), np.sin(yaw)
-    R_WG = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    return se3.from_rt(R_WG, T_WI[:3, 3] - R_WG @ T_GI[:3, 3])
 
 
 def _full_alignment(T_WI: Float, T_GI: Float) -> Float:

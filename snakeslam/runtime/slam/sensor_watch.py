@@ -1,7 +1,8 @@
-"""Which sensors have fallen silent, or stamp their messages with times that cannot be right.
+"""Which sensors are silent, or stamp their messages with times that cannot be right.
 
-The verdict of the estimator is given per image: when images stop, its last verdict would stand for ever. So the streams
-are watched where they arrive, by the robot's own time, whatever the reason: a dead or frozen process, a cable, a clock.
+The estimator gives a verdict per image, so after the last image its last verdict would stand for ever. The streams are
+therefore watched where they arrive, by the robot's time, whatever the reason for a silence: a process that died or was
+frozen, an unplugged cable, a wrong clock.
 """
 
 import threading
@@ -12,41 +13,41 @@ from statistics import median
 
 from snakeslam.calibration import SensorRig
 from snakeslam.messages import CameraFrame, Health, ImuSample, Packet, Verdict
-from snakeslam.runtime.bus.merge import LONGEST_WAIT_NS
+from snakeslam.runtime.slam.merge import LONGEST_WAIT_NS
 
 NS = 1e-9
 CAMERA, IMU, JOINTS = "camera", "IMU", "joints"
 SILENT_NS = 400_000_000
 """Longer than simulated time may run ahead of the estimator (0.3 s); verdict and hold follow within 0.5 s."""
 FIRST_INTERVAL_NS = 1_500_000_000
-"""The limit for the first two messages: sensors of a recording need not begin together, nor is the interval known."""
+"""The limit until the second message: the interval is not known yet, and a recording's sensors may begin apart."""
 INTERVALS_MISSED, INTERVALS_KEPT = 3, 8
-"""A stream slower than SILENT_NS is silent when so many of its own (median) intervals have passed."""
+"""A slow stream is silent when this many of its median interval have passed, if that is more than SILENT_NS."""
 AHEAD_NS = 1_000_000_000
-"""A stamp further ahead of the robot's time than this is wrong, as one is that comes later than any merge waits for."""
-WITHOUT_IMU = ("visual", "gait")
+"""A stamp this far ahead of the robot's time is wrong; so is one that arrives later than any frame is waited for."""
+MODES_WITHOUT_IMU = ("visual", "gait")
 
 
 @dataclass(frozen=True, slots=True)
 class SensorFault:
-    """One stream that gives nothing usable: its ``name``, and what is wrong in words."""
+    """A stream without usable messages: its ``name``, and what is wrong in words."""
 
     name: str
     words: str
 
 
 class _Stream:
-    """The stamps of one stream that can be right."""
+    """The newest plausible stamp of one stream, and its interval."""
 
     def __init__(self) -> None:
         self.newest_ns: int | None = None
-        self.wrong: str | None = None
+        self.stamp_error: str | None = None
         self._intervals_ns: deque[int] = deque(maxlen=INTERVALS_KEPT)
 
     def add(self, t_ns: int, now_ns: int) -> None:
-        """Add a stamp; one that cannot be right proves nothing."""
-        self.wrong = _what_is_wrong(t_ns, now_ns, self.newest_ns)
-        if self.wrong is not None:
+        """Add a stamp; one that is not plausible does not count as a message."""
+        self.stamp_error = _stamp_error(t_ns, now_ns, self.newest_ns)
+        if self.stamp_error is not None:
             return
         if self.newest_ns is not None:
             self._intervals_ns.append(t_ns - self.newest_ns)
@@ -60,7 +61,7 @@ class _Stream:
         return max(SILENT_NS, round(INTERVALS_MISSED * median(self._intervals_ns)))
 
 
-def _what_is_wrong(t_ns: int, now_ns: int, newest_ns: int | None) -> str | None:
+def _stamp_error(t_ns: int, now_ns: int, newest_ns: int | None) -> str | None:
     if t_ns - now_ns > AHEAD_NS:
         return f"stamped {(t_ns - now_ns) * NS:.1f} s ahead of the robot's time"
     if now_ns - t_ns > LONGEST_WAIT_NS:
@@ -71,7 +72,7 @@ def _what_is_wrong(t_ns: int, now_ns: int, newest_ns: int | None) -> str | None:
 
 
 class SensorWatch:
-    """Takes the stamps of each stream as they arrive; may be used from several threads."""
+    """Watches the stamps of each stream in ``names`` as they arrive; may be used from several threads."""
 
     def __init__(self, names: Iterable[str]) -> None:
         self._lock = threading.Lock()
@@ -81,24 +82,24 @@ class SensorWatch:
 
     @staticmethod
     def of(rig: SensorRig, mode: str, *, joints: bool) -> "SensorWatch":
-        """Return the watch over what an estimator of ``mode`` and a robot's control depend on."""
-        uses_imu = rig.imu0 is not None and mode not in WITHOUT_IMU
+        """Return the watch over the sensors that an estimator of ``mode`` and the robot's control depend on."""
+        uses_imu = rig.imu0 is not None and mode not in MODES_WITHOUT_IMU
         return SensorWatch([CAMERA, *([IMU] if uses_imu else []), *([JOINTS] if joints else [])])
 
     def advance(self, now_ns: int) -> None:
-        """Note that the robot's time (ns) has reached ``now_ns``."""
+        """Note that the robot's time has reached ``now_ns``."""
         with self._lock:
             self._began_ns = now_ns if self._began_ns is None else self._began_ns
             self._now_ns = max(self._now_ns, now_ns)
 
     def add(self, name: str, t_ns: int) -> None:
-        """Note the stamp (ns) of a message; of a stream that is not watched nothing is noted."""
+        """Add the stamp ``t_ns`` of a message; ignored for a stream that is not watched."""
         with self._lock:
             if name in self._streams:
                 self._streams[name].add(t_ns, self._now_ns if self._began_ns is not None else t_ns)
 
     def add_packet(self, packet: Packet) -> None:
-        """Note a packet of a recording, whose own stamps are all the time there is, and may be set back."""
+        """Add a packet of a recording, whose own stamps are the robot's time, and may be set back."""
         if self._began_ns is not None and packet.t_ns < self._now_ns - AHEAD_NS:
             self._restart()
         name = CAMERA if isinstance(packet, CameraFrame) else IMU if isinstance(packet, ImuSample) else JOINTS
@@ -116,7 +117,7 @@ class SensorWatch:
             return tuple(SensorFault(name, self._words(name, s)) for name, s in self._streams.items() if self._late(s))
 
     def missing(self) -> str | None:
-        """Return in words which stream the robot may not move without; also one that has given nothing yet."""
+        """Return in words the first stream that is silent, or has given nothing yet: the robot may not move then."""
         with self._lock:
             for name, stream in self._streams.items():
                 if stream.newest_ns is None or self._late(stream):
@@ -130,12 +131,12 @@ class SensorWatch:
     @staticmethod
     def _words(name: str, stream: _Stream) -> str:
         verb = "are" if name == JOINTS else "is"
-        said = "" if stream.wrong is None else f" (its messages are {stream.wrong})"
-        return f"the {name} {verb} silent{said}"
+        wrong = "" if stream.stamp_error is None else f" (its messages are {stream.stamp_error})"
+        return f"the {name} {verb} silent{wrong}"
 
 
 def with_faults(health: Health, faults: tuple[SensorFault, ...]) -> Health:
-    """Return ``health`` as it is to be shown while ``faults`` last: it is that of the last image, however old."""
+    """Return the health of the last image, however old, as it is shown while ``faults`` last."""
     if not faults:
         return health
     reasons = tuple(fault.words for fault in faults)

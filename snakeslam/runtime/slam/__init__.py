@@ -1,0 +1,1 @@
+"""The estimator's side of a session: order of the packets, the one runner of slam, silent sensors, a restarted slam."""

@@ -13,7 +13,7 @@ from snakeslam.estimation.health import HealthSettings
 from snakeslam.estimation.settings import EstimatorSettings
 from snakeslam.estimation.vio import relocalisation
 from snakeslam.estimation.vio.odometry import VisualInertialOdometry
-from snakeslam.estimation.vio.relocalisation import MOST_KEYFRAMES, Keyframes, MeasuredPosition
+from snakeslam.estimation.vio.relocalisation import MAX_KEYFRAMES, Keyframes, MeasuredPosition
 from snakeslam.geometry import numeric, so3
 from snakeslam.messages import CameraFrame, Float, Packet, Verdict
 from tests.estimation.wall import RIG, Wall
@@ -60,7 +60,7 @@ def test_what_was_lost_in_the_dark_is_found_again(monkeypatch: pytest.MonkeyPatc
     found = run(covered(5.0))
     assert events(found) == ["initialised at rest", "relocalised"]
     assert max(e.t_ns for e in found if "relocalised" in e.events) < COVERED_NS[1] + 1_000_000_000
-    monkeypatch.setattr(Keyframes, "find", lambda *_: None)
+    monkeypatch.setattr(Keyframes, "measure", lambda *_: None)
     alone = run(covered(5.0))
     assert error_m(found, 4.0) > 0.015
     assert error_m(found, 5.0) < 0.006 < 0.015 < error_m(alone, 5.0)
@@ -116,14 +116,14 @@ def first_frame(wall: Wall) -> CameraFrame:
 def test_only_so_many_sharp_pictures_with_depth_of_other_views_are_kept() -> None:
     frame, kept = first_frame(Wall()), Keyframes(SETTINGS, RIG.cam0, 0)
     away = np.array([1.01 * relocalisation.APART_M, 0.0, 0.0])
-    for k in range(2 * MOST_KEYFRAMES):
+    for k in range(2 * MAX_KEYFRAMES):
         kept.add(frame, features(), state_at(k * away))
         kept.add(frame, features(), state_at((k + 0.5) * away))
-        assert len(kept._kept) == min(k + 1, MOST_KEYFRAMES)
+        assert len(kept._present) == min(k + 1, MAX_KEYFRAMES)
     kept.begin(1)
     kept.add(first_frame(Wall(depth=False)), features(), state_at(away))
     kept.add(frame, features(smear=0.1), state_at(away))
-    assert not kept._kept
+    assert not kept._present
 
 
 def test_a_place_is_found_to_the_millimetre_within_what_it_says() -> None:
@@ -137,7 +137,7 @@ def test_a_place_is_found_to_the_millimetre_within_what_it_says() -> None:
     beside[:3, 3] = 0.006
     for frame in frames[20:]:
         T_WI = wall.pose(frame.t_ns / 1e9)
-        place = kept.find(frame, beside @ T_WI)
+        place = kept.measure(frame, beside @ T_WI)
         assert place is not None
         e = place.T_WI[:3, 3] - T_WI[:3, 3]
         nees.append(e @ np.linalg.solve(place.cov_p, e))

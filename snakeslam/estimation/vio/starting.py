@@ -20,15 +20,17 @@ from snakeslam.messages import Float
 
 AT_REST, IN_MOTION = "initialised at rest", "initialised in motion"
 STILL_PX, TREMOR_PX = 0.3, 3.0
-"""Most that the features of a stationary camera have moved (median): in the first frames, and within 0.45 s."""
+"""Median motion of the features that a stationary camera may have: between two frames, and within STILL_WINDOW_NS."""
 STILL_WINDOW_NS = 450_000_000
 MIN_COMMON = 10
+"""Features that two frames must share for their median motion to count."""
 MOVING_START_NS = 700_000_000
 MOVING_START_DEPTH_NS = 300_000_000
-"""With depth the way need not be long enough to see points from two sides."""
+"""Duration of the motion from which the start is computed. With depth it need not contain a baseline."""
 MOVING_MEMORY_NS = 1_500_000_000
+"""Frames older than this are not used: the gyro's bias and the tracks are not constant for longer."""
 DOUBTS_AFTER_FRAMES, FRAMES_PER_DOUBT = 10, 5
-"""After so many frames in which a start in motion has failed, units and axes are judged, every so many frames."""
+"""After so many frames whose start in motion failed, units and axes are checked, once in so many frames."""
 MISSED_SAMPLES = 3.0
 """So many sample periods without a sample are a gap, where that is longer than the settings' limit."""
 
@@ -42,7 +44,7 @@ class FrameFeatures:
 
 
 class Starter:
-    """Remembers the last frames until one of the two starts succeeds."""
+    """Collects the last frames until one of the two starts succeeds."""
 
     def __init__(self, settings: EstimatorSettings, model: SensorModel) -> None:
         self._settings = settings
@@ -54,37 +56,37 @@ class Starter:
         self.bias_g: Float | None = None
         """Mean gyro rate since the frame before, (3,) rad/s, where the image did not move: about the gyro's bias."""
         self.fault: str | None = None
-        """What of the IMU or the extrinsics contradicts the image or gravity, in words."""
+        """The contradiction between IMU, extrinsics, image and gravity, for the operator; None while there is none."""
         self._waited_frames = 0
 
     @property
     def waits_long(self) -> bool:
-        """Whether the start has failed for long: something may be wrong, and the gyro is no longer relied on."""
+        """Whether the start has failed so long that the gyro may be wrong and is not used to predict the image."""
         return self._waited_frames > DOUBTS_AFTER_FRAMES
 
-    def try_to_start(self, seen: FrameFeatures, imu: ImuBuffer) -> tuple[SlidingWindow, str] | None:
+    def try_to_start(self, observed: FrameFeatures, imu: ImuBuffer) -> tuple[SlidingWindow, str] | None:
         """Return a filter at the frame before its correction (from rest) or after it (from motion), and how."""
-        self._history.append(seen)
-        covered_ns = imu.covered_since_ns(seen.t_ns, self._max_gap_s)
+        self._history.append(observed)
+        covered_ns = imu.covered_since_ns(observed.t_ns, self._max_gap_s)
         if covered_ns is None:
-            self._forget_before(seen.t_ns + 1)
+            self._forget_before(observed.t_ns + 1)
         else:
             # The first sample also serves for the few periods before it.
             covered_ns -= round(MISSED_SAMPLES / self._model.noise.update_rate * 1e9)
-            self._forget_before(max(seen.t_ns - MOVING_MEMORY_NS, covered_ns))
+            self._forget_before(max(observed.t_ns - MOVING_MEMORY_NS, covered_ns))
         if not self._history:
-            imu.forget_before(seen.t_ns - STILL_WINDOW_NS)
+            imu.forget_before(observed.t_ns - STILL_WINDOW_NS)
             return None
         imu.forget_before(self._history[0].t_ns - STILL_WINDOW_NS)
-        self._watch_image(imu)
-        if self._is_wrong(seen, imu):
+        self._update_stationary_time(imu)
+        if self._find_fault(observed, imu):
             return None
-        return self._from_rest(seen, imu) or self._from_motion(seen, imu)
+        return self._start_still(observed, imu) or self._start_moving(observed, imu)
 
-    def _is_wrong(self, seen: FrameFeatures, imu: ImuBuffer) -> bool:
-        """Judge units, signs and axes; return whether there can be no start with them."""
+    def _find_fault(self, observed: FrameFeatures, imu: ImuBuffer) -> bool:
+        """Check units, signs and axes of the IMU; return whether no start is possible with them."""
         fault = accelerometer_fault(imu.recent(self._history[0].t_ns), self._settings.gravity_m_s2)
-        self._waited_frames += seen.t_ns - self._history[0].t_ns >= MOVING_START_NS
+        self._waited_frames += observed.t_ns - self._history[0].t_ns >= MOVING_START_NS
         if fault is not None:
             self.fault = fault
         elif self._waited_frames > DOUBTS_AFTER_FRAMES and self._waited_frames % FRAMES_PER_DOUBT == 0:
@@ -103,11 +105,11 @@ class Starter:
         for before, now in zip(history[::stride], history[stride::stride], strict=False):
             a, b = before.features, now.features
             _, then, at = np.intersect1d(a.ids, b.ids, assume_unique=True, return_indices=True)
-            turned = image_rotation(a.xy[then], b.xy[at])
+            rotation = image_rotation(a.xy[then], b.xy[at])
             span = imu.segments(before.t_ns, now.t_ns)
-            if turned is None or span is None:
+            if rotation is None or span is None:
                 continue
-            by_image.append(turned)
+            by_image.append(rotation)
             # The sum of w dt is about the rotation vector over a fraction of a second, and also holds in another unit.
             by_gyro.append(R_CI @ (span.dt_s @ span.gyro_I))
             spans_s.append(float(span.dt_s.sum()))
@@ -127,16 +129,16 @@ class Starter:
         self._still_since = max(0, self._still_since - (len(self._history) - len(kept)))
         self._history = kept
 
-    def _watch_image(self, imu: ImuBuffer) -> None:
-        """Find since when the image has not moved, as it is seen: no rotation by the gyro is removed from it."""
+    def _update_stationary_time(self, imu: ImuBuffer) -> None:
+        """Find since when the image has not moved; the gyro's rotation is not removed from that motion."""
         self.bias_g = None
         if len(self._history) < 2:
             self._still_since = 0
             return
         last, before = self._history[-1], self._history[-2]
         newest = len(self._history) - 1
-        pair_px = self._moved_px(before, last)
-        if pair_px is None or pair_px > TREMOR_PX:
+        step_px = self._moved_px(before, last)
+        if step_px is None or step_px > TREMOR_PX:
             self._still_since = newest
             return
         between = [s.gyro_I for s in imu.recent(before.t_ns) if s.t_ns <= last.t_ns]
@@ -149,7 +151,7 @@ class Starter:
             self._still_since += 1
 
     def _moved_px(self, before: FrameFeatures, now: FrameFeatures) -> float | None:
-        """Return the median motion of the features that both frames have, None when they are too few."""
+        """Return the median motion in px of the features that two frames share; None when they are too few."""
         a, b = before.features, now.features
         if b.frozen:
             return 0.0
@@ -159,33 +161,33 @@ class Starter:
         step = b.xy[at] - a.xy[then]
         return median(np.hypot(step[:, 0], step[:, 1])) * self._model.focal_px
 
-    def _from_rest(self, seen: FrameFeatures, imu: ImuBuffer) -> tuple[SlidingWindow, str] | None:
+    def _start_still(self, observed: FrameFeatures, imu: ImuBuffer) -> tuple[SlidingWindow, str] | None:
         since = self._history[self._still_since]
-        moved_px = self._moved_px(since, seen)
-        age_s = (seen.t_ns - since.t_ns) / 1e9
-        if since is seen or moved_px is None or (moved_px > STILL_PX and age_s < TREMOR_S):
+        moved_px = self._moved_px(since, observed)
+        age_s = (observed.t_ns - since.t_ns) / 1e9
+        if since is observed or moved_px is None or (moved_px > STILL_PX and age_s < TREMOR_S):
             return None
-        recent = [s for s in imu.recent(since.t_ns) if s.t_ns <= seen.t_ns]
+        recent = [s for s in imu.recent(since.t_ns) if s.t_ns <= observed.t_ns]
         stationary = Stationary(age_s, moved_px / self._model.focal_px)
-        state = start_still(recent, seen.t_ns, self._settings.gravity_m_s2, self._model.noise, stationary)
+        state = start_still(recent, observed.t_ns, self._settings.gravity_m_s2, self._model.noise, stationary)
         return None if state is None else (SlidingWindow(state, self._settings, self._model), AT_REST)
 
-    def _may_be_stationary(self, seen: FrameFeatures) -> bool:
-        """Return whether the image has moved by noise or a tremor at most, but not yet for long enough to tell.
+    def _may_be_stationary(self, observed: FrameFeatures) -> bool:
+        """Return whether the image may be that of a stationary head, for which the time is not long enough yet.
 
-        With depth a start in motion takes less time than that, and would find a motion in the noise.
+        With depth a start in motion needs less time than that, and would fit a motion to the noise.
         """
         since = self._history[self._still_since]
-        return self._still_since == 0 and seen.t_ns - since.t_ns < TREMOR_S * 1e9
+        return self._still_since == 0 and observed.t_ns - since.t_ns < TREMOR_S * 1e9
 
-    def _from_motion(self, seen: FrameFeatures, imu: ImuBuffer) -> tuple[SlidingWindow, str] | None:
+    def _start_moving(self, observed: FrameFeatures, imu: ImuBuffer) -> tuple[SlidingWindow, str] | None:
         if self.waits_long and self._waited_frames % FRAMES_PER_DOUBT:
-            # A search that has failed so often, and takes longest when it fails, is not repeated in each frame.
+            # The search takes longest when it fails; after many failures it is not repeated in every frame.
             return None
-        if self._may_be_stationary(seen):
+        if self._may_be_stationary(observed):
             return None
-        with_depth = np.count_nonzero(seen.features.depth_m > 0.0) >= ENOUGH_WITH_DEPTH
-        if seen.t_ns - self._history[0].t_ns < (MOVING_START_DEPTH_NS if with_depth else MOVING_START_NS):
+        with_depth = np.count_nonzero(observed.features.depth_m > 0.0) >= ENOUGH_WITH_DEPTH
+        if observed.t_ns - self._history[0].t_ns < (MOVING_START_DEPTH_NS if with_depth else MOVING_START_NS):
             return None
         times = [past.t_ns for past in self._history]
         model = self._model
@@ -194,7 +196,7 @@ class Starter:
             return None
         fault = self._gyro_fault(imu)
         if fault is not None and fault != UNEXPLAINED:
-            # Slow rotations about wrong axes pass for a bias of the gyro.
+            # Slow rotations about wrong axes are mistaken for a bias of the gyro.
             self.fault = fault
             return None
         window = SlidingWindow(state, self._settings, model)

@@ -85,9 +85,8 @@ run: setup
 
 .PHONY: test
 test: setup browser check
-	$(BIN)/python -m pytest -m "not browser" --numprocesses=2 --dist=loadfile --no-loadscope-reorder $(PYTEST_ARGS) $(NONE_IS_FINE)
-# A browser that draws in software needs both cores.
-	$(BIN)/python -m pytest -m browser $(PYTEST_ARGS) $(NONE_IS_FINE)
+	$(BIN)/python -m pytest -m "not webgl" --numprocesses=2 --dist=loadfile --no-loadscope-reorder $(PYTEST_ARGS) $(NONE_IS_FINE)
+	$(BIN)/python -m pytest -m webgl --numprocesses=2 --dist=loadfile $(PYTEST_ARGS) $(NONE_IS_FINE)
 
 .PHONY: check
 check: $(VENV)/.synced web/dist/index.html

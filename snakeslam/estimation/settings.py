@@ -7,7 +7,7 @@ from pydantic import Field
 from snakeslam.estimation.filter.settings import CalibrationSettings, WindowSettings
 from snakeslam.estimation.frontend.settings import FrontendSettings
 from snakeslam.estimation.gait.settings import GaitSensorSettings
-from snakeslam.estimation.health import HealthSettings
+from snakeslam.estimation.health_settings import HealthSettings
 from snakeslam.estimation.measurements.settings import NoiseSettings
 from snakeslam.estimation.orb_map.settings import OrbMapSettings
 from snakeslam.estimation.planar.settings import PlanarSettings

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from snakeslam.estimation.filter.gating import Agreement, Innovation
-from snakeslam.estimation.health import Evidence, HealthSettings, judge, supports
+from snakeslam.estimation.health import Evidence, judge, supports
+from snakeslam.estimation.health_settings import HealthSettings
 from snakeslam.messages import Verdict
 
 FINE = Evidence(100, 3, Agreement(60, 58, 0.9), np.eye(3) * 1e-4, 0.0, False, False, 0.005, 0)

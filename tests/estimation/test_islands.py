@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from snakeslam.estimation.base import FrameEstimate
-from snakeslam.estimation.health import NEW_MAP, TIED, HealthSettings
+from snakeslam.estimation.health import NEW_MAP, TIED
+from snakeslam.estimation.health_settings import HealthSettings
 from snakeslam.estimation.settings import EstimatorSettings, Mode
 from snakeslam.geometry import se3
 from snakeslam.mapping.settings import MappingSettings

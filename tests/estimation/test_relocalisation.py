@@ -9,7 +9,7 @@ import pytest
 from snakeslam.estimation.base import FrameEstimate
 from snakeslam.estimation.filter.state import CORE, P, State
 from snakeslam.estimation.frontend.tracking import FrontendFrame
-from snakeslam.estimation.health import HealthSettings
+from snakeslam.estimation.health_settings import HealthSettings
 from snakeslam.estimation.settings import EstimatorSettings
 from snakeslam.estimation.vio import relocalisation
 from snakeslam.estimation.vio.odometry import VisualInertialOdometry

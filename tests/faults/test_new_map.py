@@ -8,7 +8,8 @@ import pytest
 from server.viewer import NEW_MAP_RGB, tinted
 from snakeslam.config import Config, RunSettings, SafetySettings
 from snakeslam.estimation.gait.settings import GaitSensorSettings
-from snakeslam.estimation.health import NEW_MAP, HealthSettings
+from snakeslam.estimation.health import NEW_MAP
+from snakeslam.estimation.health_settings import HealthSettings
 from snakeslam.estimation.settings import EstimatorSettings
 from snakeslam.robot.model import RobotSettings
 from tests.faults.nodes import Nodes, wait_for

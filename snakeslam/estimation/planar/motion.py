@@ -4,11 +4,11 @@ V is the virtual chassis: its origin the centre of mass, its x axis the mean hea
 """
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
 from snakeslam.estimation.planar.models import Rods, Twist, fan_rolling_speed, paper_rolling_speed, wheel_speed
+from snakeslam.estimation.planar.settings import RollingModel
 from snakeslam.geometry import se3, so3
 from snakeslam.messages import Float
 from snakeslam.robot.kinematics import link_poses_from_imu
@@ -19,7 +19,6 @@ FLAT_RAD_S = 0.12
 LIFTED_RAD = 0.17
 LEAST_ARC_RAD = 0.03
 ARC_SPREAD = 0.3
-RollingModel = Literal["fan", "paper"]
 
 
 @dataclass(frozen=True, slots=True)

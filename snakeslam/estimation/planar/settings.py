@@ -1,13 +1,13 @@
 """Settings of the paper's planar filter and of its motion models."""
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
 
-from snakeslam.estimation.planar.motion import RollingModel
 from snakeslam.settings import Settings
 
 Positive = Annotated[float, Field(gt=0)]
+RollingModel = Literal["fan", "paper"]
 
 
 class PlanarSettings(Settings):

@@ -38,6 +38,14 @@ def begin(tmp_path: Path) -> Iterator[Callable[..., Running]]:
         yield started
 
 
+@pytest.fixture(scope="module")
+def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
+    """One server for the tests that leave it as it was."""
+    server = start(tmp_path_factory.mktemp("sessions"))
+    yield server
+    server.stop()
+
+
 def sign_in(running: Running, token: str = TOKEN) -> str:
     """Sign a browser in; return its cookie header."""
     with running.anonymous() as browser:
@@ -88,8 +96,7 @@ def close_code(socket: ClientConnection) -> int:
 
 
 @pytest.mark.parametrize("everywhere", [False, True])
-def test_signing_out_ends_the_sockets_the_drive_and_the_lease(begin: Callable[..., Running], everywhere: bool) -> None:
-    running = begin()
+def test_signing_out_ends_the_sockets_the_drive_and_the_lease(running: Running, everywhere: bool) -> None:
     with running.client() as other, ExitStack() as stack:
         wait_for(lambda: is_ready(other))
         cookie = sign_in(running)
@@ -110,8 +117,7 @@ def test_signing_out_ends_the_sockets_the_drive_and_the_lease(begin: Callable[..
         assert status(running, cookie) == 401
 
 
-def test_who_only_watches_signs_nobody_else_out(begin: Callable[..., Running]) -> None:
-    running = begin()
+def test_who_only_watches_signs_nobody_else_out(running: Running) -> None:
     operator, viewer = sign_in(running), sign_in(running, VIEWER_TOKEN)
     with running.anonymous(headers={"Cookie": viewer}) as browser:
         assert browser.delete("/api/v1/session", params={"everywhere": True}).status_code == 403
@@ -122,8 +128,7 @@ def test_who_only_watches_signs_nobody_else_out(begin: Callable[..., Running]) -
 @pytest.mark.parametrize(
     "change", [lambda s: s[:-1] + ("0" if s[-1] != "0" else "1"), lambda s: s[:0], lambda s: s[:9]]
 )
-def test_a_session_cannot_be_guessed(begin: Callable[..., Running], change: Callable[[str], str]) -> None:
-    running = begin()
+def test_a_session_cannot_be_guessed(running: Running, change: Callable[[str], str]) -> None:
     secret = sign_in(running).partition("=")[2]
     assert status(running, f"{COOKIE}={change(secret)}") == 401
     assert status(running, f"{COOKIE}={digest(secret)}") == 401
@@ -200,7 +205,6 @@ def test_where_the_state_lies(monkeypatch: pytest.MonkeyPatch) -> None:
     assert state_folder("/elsewhere") == Path("/elsewhere")
 
 
-def test_a_stranger_cannot_sign_anybody_out(begin: Callable[..., Running]) -> None:
-    running = begin()
+def test_a_stranger_cannot_sign_anybody_out(running: Running) -> None:
     with httpx.Client(base_url=running.url) as stranger:
         assert stranger.delete("/api/v1/session", params={"everywhere": True}).status_code == 401

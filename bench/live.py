@@ -19,6 +19,7 @@ from snakeslam.runtime.assembly.spec import SessionSpec
 from snakeslam.runtime.bus.bus import Bus
 from snakeslam.runtime.bus.commands import EStop, ResetEStop, SetGait
 from snakeslam.runtime.bus.topics import SENSORS, Started, Tick
+from snakeslam.runtime.session.estop import EStopMemory
 from snakeslam.runtime.session.host import NodesHost
 
 SECONDS = 20.0
@@ -51,7 +52,7 @@ class Session:
     def __init__(self) -> None:
         self.newest: dict[type, Any] = {}
         self.counts: Counter[str] = Counter()
-        self.host = NodesHost(SessionSpec(load_config(), autostart=True))
+        self.host = NodesHost(SessionSpec(load_config(), autostart=True), EStopMemory())
         self.stamps_ns: list[int] = []
         self.host.start(self._on_report)
 

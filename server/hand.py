@@ -3,10 +3,10 @@
 from collections import deque
 from dataclasses import dataclass
 
-STALE_S = 0.3
-"""Input older than this does not count."""
-SILENT_S = 0.4
-"""A robot that is driven by nothing newer is told to stop; by itself it has come to a hold before."""
+from snakeslam.runtime.robot.deadman import DEADMAN_S
+
+SILENT_S = DEADMAN_S + 0.1
+"""A robot whose input is silent for so long gets a stop; by the deadman limit it has held itself before."""
 OFFSETS_KEPT = 20
 STEPS = 20
 """Drive and turn count in steps of 1/20: a trembling stick is no change."""
@@ -62,7 +62,7 @@ class Hand:
             return "before any ping"
         drive, age_s = _stepped(given.drive), self.age_s(given.t_s, now_s)
         # A zero can only stop, and counts however late it comes. A press that comes late must not begin any more.
-        if drive != 0.0 and abs(age_s) > STALE_S:
+        if drive != 0.0 and abs(age_s) > DEADMAN_S:
             self.pressed = True
             return "stale" if age_s > 0.0 else "from the future"
         self._begins = drive != 0.0 and (self._begins or not self.pressed)

@@ -5,7 +5,7 @@ import contextlib
 import json
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from http import HTTPStatus
 from time import monotonic
@@ -23,6 +23,7 @@ from snakeslam.messages import Float, GaitCommand, MapChunk
 from snakeslam.runtime.assembly.spec import SessionSpec
 from snakeslam.runtime.bus.commands import BackUp, Command, ControlPlayback, EStop, ResetEStop, Start
 from snakeslam.runtime.bus.topics import Ended, Event, Opening, Report, Restarting, Silence, Started, Tick
+from snakeslam.runtime.session.estop import EStopMemory
 from snakeslam.runtime.session.host import host_for
 from snakeslam.runtime.session.pipe_host import Host
 
@@ -157,13 +158,12 @@ Listener = Callable[[Report, View], None]
 class Live:
     """Starts, supervises and commands the session; one at a time. All methods belong to the event loop's thread."""
 
-    def __init__(self, config: Config, host: Callable[[SessionSpec], Host] = host_for) -> None:
+    def __init__(self, config: Config, host: Callable[[SessionSpec, EStopMemory], Host] = host_for) -> None:
         self._host_for = host
         self._listeners: list[Listener] = []
         self._starting = asyncio.Lock()
         self._child: _Child | None = None
-        self._estop_reason: str | None = None
-        self._estops = 0
+        self._estop = EStopMemory()
         self._resetting = 0
         self.view = View("sim", "simulator", config, phase="ended")
 
@@ -174,7 +174,7 @@ class Live:
     @property
     def estop_reason(self) -> str | None:
         """Why the E-stop is latched; it outlives sessions."""
-        return self._estop_reason
+        return self._estop.reason
 
     async def start(self, spec: SessionSpec, kind: Literal["sim", "recording"], name: str) -> None:
         """End the session that runs and start another; a latched E-stop stays latched."""
@@ -183,11 +183,8 @@ class Live:
             self.view = View(kind, name, spec.config, number=self.view.number + 1)
             self._tell(Opening())
             self._tell(Event(0, "info", f"starting {name}"))
-            spec = replace(spec, estop_reason=self._estop_reason)
-            self._child = child = _Child(self._host_for(spec), self._report)
-            await child.start()
-            if self._estop_reason is not None and spec.estop_reason is None:
-                child.host.send(EStop(self._estop_reason))  # Latched while the process was being made.
+            self._child = _Child(self._host_for(spec, self._estop), self._report)
+            await self._child.start()
 
     async def stop(self) -> None:
         """End the session that runs, if any."""
@@ -228,7 +225,7 @@ class Live:
         """Whether the robot itself has said that its E-stop is latched, and nobody is clearing it."""
         tick = self.view.tick
         told = self.view.phase == "running" and tick is not None and tick.estop_reason is not None
-        return told and self._estop_reason is not None and not self._resetting
+        return told and self._estop.reason is not None and not self._resetting
 
     async def estop(self, reason: str) -> bool:
         """Latch the E-stop here, for every session to come, and in the one that runs; return whether that confirmed it.
@@ -236,8 +233,7 @@ class Live:
         It is sent before anything is waited for. An E-stop that the robot has confirmed is not waited for again, but
         still sent, REPEAT_S apart.
         """
-        self._estops += 1
-        self._estop_reason = self._estop_reason or reason
+        self._estop.latch(reason)
         child = self._child
         if child is None or self.view.phase in ("ended", "failed"):
             return True  # Nothing runs that could move.
@@ -257,14 +253,13 @@ class Live:
         The session goes first: a tick that was on its way when it obeyed would latch again. An E-stop pressed meanwhile
         stays.
         """
-        estops = self._estops
+        latched = self._estop.latched
         self._resetting += 1
         try:
             await self._urgent(ResetEStop())
         finally:
             self._resetting -= 1
-        if self._estops == estops:
-            self._estop_reason = None
+        self._estop.clear(latched)
 
     async def _urgent(self, command: Command) -> None:
         """Send at any time: a session that is still being built takes it before its first step."""
@@ -296,7 +291,7 @@ class Live:
 
     def need_drive(self) -> None:
         """Raise a Problem when nothing may move: the E-stop is latched, or there is no robot."""
-        if self._estop_reason is not None:
+        if self._estop.reason is not None:
             raise Problem(HTTPStatus.CONFLICT, "the E-stop is latched; reset it first")
         self.need_robot()
 
@@ -326,8 +321,8 @@ class Live:
         if child is not self._child:
             return  # The last words of a session that was replaced.
         self.view.take(report)
-        if isinstance(report, Tick) and report.estop_reason is not None:
-            self._estop_reason = self._estop_reason or report.estop_reason
+        if isinstance(report, Tick):
+            self._estop.report(report.estop_reason)
         if isinstance(report, Ended) and report.error is not None:
             _log.error("session failed", reason=report.error)
         self._tell(report)

@@ -135,7 +135,7 @@ def test_a_listener_that_fails_keeps_no_report_from_the_others() -> None:
         raise KeyError(report)
 
     async def start() -> None:
-        live = Live(Config(), lambda _: StillHost())
+        live = Live(Config(), lambda *_: StillHost())
         live.listen(bad)
         live.listen(lambda report, _: heard.append(report))
         await live.start(SessionSpec(Config()), "sim", "it")

@@ -4,7 +4,8 @@ from itertools import count
 
 import pytest
 
-from server.hand import SILENT_S, STALE_S, Hand, Input
+from server.hand import SILENT_S, Hand, Input
+from snakeslam.runtime.robot.deadman import DEADMAN_S
 
 NOW_S, THEIRS_S = 5000.0, 12.0
 
@@ -28,7 +29,7 @@ def test_input_in_order_and_in_time_counts() -> None:
 
 @pytest.mark.parametrize(
     ("seq", "late_s", "why"),
-    [(1, 0.0, "out of order"), (0, 0.0, "out of order"), (2, STALE_S + 0.05, "stale"), (2, -0.5, "from the future")],
+    [(1, 0.0, "out of order"), (0, 0.0, "out of order"), (2, DEADMAN_S + 0.05, "stale"), (2, -0.5, "from the future")],
 )
 def test_what_does_not_count_changes_nothing(seq: int, late_s: float, why: str) -> None:
     driver = hand()

@@ -89,7 +89,7 @@ def start(sessions: list[SlowSession]) -> Callable[[SessionSpec], tuple[SlowSess
 
 
 async def live_session(sessions: list[SlowSession]) -> Live:
-    live = Live(Config(), lambda spec: PipeHost(spec, start(sessions)))
+    live = Live(Config(), lambda spec, _: PipeHost(spec, start(sessions)))
     await live.start(SessionSpec(Config()), "sim", "simulator")
     while live.view.phase != "running":
         await asyncio.sleep(0.01)

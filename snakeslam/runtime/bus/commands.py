@@ -36,9 +36,9 @@ class Stop(Struct, frozen=True, tag=True):
 class Drive(Struct, frozen=True, tag=True):
     """The deadman input: move at ``drive`` of the gait's pace and ``turn``, both in [-1, 1], while it is repeated.
 
-    Without another within ``driving.SILENT_NS`` the robot is held; 0 releases it. ``deadman`` names the input among
+    Without another within ``deadman.DEADMAN_S`` the robot is held; 0 releases it. ``deadman`` names the input among
     those of its sender, ``begins`` says that it was released before: a press that was refused, or ended by a hold, does
-    not move the robot again until it is released (``driving``).
+    not move the robot again until it is released (``deadman``).
     """
 
     drive: float

@@ -12,7 +12,7 @@ from websockets.asyncio.client import connect
 from websockets.exceptions import WebSocketException
 from websockets.typing import Subprotocol
 
-from snakeslam.runtime.process.priority import go_along
+from snakeslam.runtime.process.priority import set_normal_priority
 
 READS = {
     "map.ply": "/api/v1/map.ply",
@@ -77,5 +77,5 @@ async def flood(url: str, kind: str, token: str, clients: int) -> None:
 
 if __name__ == "__main__":
     address, what, credential, count = sys.argv[1:]
-    go_along()
+    set_normal_priority()
     asyncio.run(flood(address, what, credential, int(count)))

@@ -24,7 +24,7 @@ from snakeslam.messages import MapChunk
 from snakeslam.runtime.bus.bus import Bus
 from snakeslam.runtime.bus.link import Link, unix_endpoint
 from snakeslam.runtime.bus.topics import CHUNKS, ROBOT_STATE, RobotState
-from snakeslam.runtime.process.priority import go_first
+from snakeslam.runtime.process.priority import set_control_priority
 from tests.e2e.conftest import start_dashboard, stop_dashboard, wait_until_running
 from tests.server.running import CHECKOUT, TOKEN, VIEWER_TOKEN, Running, wait_for
 
@@ -157,7 +157,7 @@ def main(seconds: float = SECONDS) -> None:
         try:
             wait_until_running(server)
             # The operator sits at another machine: what is measured is not how this one shares its cores with them.
-            go_first()
+            set_control_priority()
             latch = Latch(Path(name))
             latch.publish_map()
             with server.client() as client:

@@ -83,7 +83,7 @@ class Lone:
         self.clock = RobotClock()
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._beat_on, daemon=True)
-        self.buses[0].subscribe(ROBOT_STATE, lambda state: self.clock.hear(state.stamp_ns))
+        self.buses[0].subscribe(ROBOT_STATE, lambda state: self.clock.add(state.stamp_ns))
         wait_for(lambda: self.clock.now_ns() is not None and self.watcher.states)
         self._thread.start()
 

@@ -23,7 +23,7 @@ from snakeslam.errors import InputError, SnakeslamError
 from snakeslam.garbage import collect_seldom
 from snakeslam.runtime.assembly.spec import SessionSpec
 from snakeslam.runtime.bus.socket_path import check_room_for_sockets
-from snakeslam.runtime.process.priority import go_second
+from snakeslam.runtime.process.priority import set_server_priority
 
 GRACE_S = 2
 PLACES_EVERY = 10
@@ -90,7 +90,7 @@ def serve(config: Config, *, host: str, port: int, recordings: list[Path], spec:
     with bind(host, port) as listener, temporary_folder("snakeslam-") as folder:
         # viser never returns where it cannot bind, and the bus's folder beside this one has the longer name.
         check_room_for_sockets(folder.with_name("snakeslam-bus-12345678"), ["viewer.sock", "bus.sock"])
-        go_second()
+        set_server_priority()
         url = _url(host, listener)
         settings = ServerSettings(spec, token, host, folder, tuple(recordings), viewer_token=watching)
         app = create_app(settings, lambda code: _say(f"Sign in elsewhere: {url}/login?code={code}"))

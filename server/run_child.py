@@ -10,7 +10,7 @@ import signal
 import sys
 import threading
 
-from snakeslam.runtime.process.priority import go_last
+from snakeslam.runtime.process.priority import set_lowest_priority
 
 
 def _end_with_server() -> None:
@@ -25,7 +25,7 @@ def main() -> None:
     """Run the command line in this process."""
     # Ctrl-C reaches the whole terminal group; the server decides when a run ends.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    go_last()
+    set_lowest_priority()
     threading.Thread(target=_end_with_server, name="leash", daemon=True).start()
     sys.argv[0] = "snakeslam"
     runpy.run_module("snakeslam", run_name="__main__")

@@ -148,7 +148,7 @@ class Nodes:
         wait_for(moving)
 
     def _on_sensors(self, sensors: Sensors) -> None:
-        self.clock.hear(sensors.stamp_ns)
+        self.clock.add(sensors.stamp_ns)
         if sensors.target is not None:
             with self.lock:
                 self.steps.append((sensors.stamp_ns, sensors.target.q_rad))

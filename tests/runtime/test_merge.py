@@ -117,7 +117,7 @@ def test_the_robots_clock_is_read_behind_by_the_fastest_way_and_never_ahead() ->
     for k in range(1, 400):
         sent_ns = k * 50 * MS
         now_ns = sent_ns + round(float(rng.exponential(20.0)) * MS) + 2 * MS
-        clock.hear(sent_ns + ahead_ns)
+        clock.add(sent_ns + ahead_ns)
         read_ns = clock.now_ns()
         assert read_ns is not None
         assert read_ns <= now_ns + ahead_ns - 2 * MS
@@ -130,7 +130,7 @@ def test_a_clock_that_drifts_is_followed() -> None:
     clock = RobotClock(lambda: now_ns)
     for k in range(1000):
         now_ns = k * 50 * MS
-        clock.hear(round(now_ns * (1.0 - 1e-3)))
+        clock.add(round(now_ns * (1.0 - 1e-3)))
     read_ns = clock.now_ns()
     assert read_ns is not None
     assert abs(read_ns - now_ns * (1.0 - 1e-3)) < 11 * MS

@@ -10,7 +10,7 @@ ASK = """
 import errno, os, resource
 from pathlib import Path
 from snakeslam.runtime.process import priority
-priority.go_along()  # whatever the tests run as
+priority.set_normal_priority()  # whatever the tests run as
 {before}
 def share():
     try:
@@ -21,11 +21,11 @@ def share():
 def say(allowed):
     turn = os.sched_getscheduler(0), os.sched_getparam(0).sched_priority
     print(allowed, *turn, os.getpriority(os.PRIO_PROCESS, 0), share(), os.getsid(0) == os.getpid())
-say(priority.go_first())
-say(priority.go_second())
-say(priority.go_apart())
-say(priority.go_apart(priority.SLAM_NICE))
-say(priority.go_last())
+say(priority.set_control_priority())
+say(priority.set_server_priority())
+say(priority.set_own_share())
+say(priority.set_own_share(priority.SLAM_NICE))
+say(priority.set_lowest_priority())
 """
 BECOME_NOBODY = "resource.setrlimit(resource.RLIMIT_RTPRIO, (0, 0)); os.setuid(65534)"
 KNOW_NO_TURNS = """

@@ -13,7 +13,7 @@ from snakeslam.runtime.bus.shapes import robot_sizes
 from snakeslam.runtime.bus.topics import CAMERA_READY, EXPOSURES, FRAMES, PICTURES
 from snakeslam.runtime.bus.wire import Beat, Exposure
 from snakeslam.runtime.process.node import Child, Life, spawn
-from snakeslam.runtime.process.priority import go_apart
+from snakeslam.runtime.process.priority import set_own_share
 from snakeslam.runtime.view.pictures import Pictures
 
 WAITING = 2
@@ -27,7 +27,7 @@ def camera_process(config: Config, link: Link) -> Child:
 
 def run_camera(config: Config, link: Link, life: Life) -> None:
     """Draw what the robot node asks for until the life ends; say so until it first does."""
-    go_apart()
+    set_own_share()
     scene = build_scene(config)
     bus = Bus(link, wanted=lambda: not life.over)
     bus.expect(robot_sizes(snake_model(config.robot).joint_count))

@@ -25,7 +25,7 @@ from snakeslam.runtime.bus.wire import Beat, Exposure, Hello, Order, Sensors
 from snakeslam.runtime.nodes.camera import camera_process
 from snakeslam.runtime.process.log_limit import LogLimit
 from snakeslam.runtime.process.node import Life
-from snakeslam.runtime.process.priority import go_first
+from snakeslam.runtime.process.priority import set_control_priority
 from snakeslam.runtime.process.supervisor import Supervisor
 from snakeslam.runtime.robot.controller import RobotController, Step
 from snakeslam.runtime.robot.inbox import Inbox, drain
@@ -226,7 +226,7 @@ class RobotNode:
 
 def run_robot(spec: SessionSpec, link: Link, life: Life) -> None:
     """Run the robot node until its life ends; it leaves the robot in a hold."""
-    go_first()
+    set_control_priority()
     deaths = deque[str]()
 
     def on_death(name: str, reason: str, final: bool) -> None:

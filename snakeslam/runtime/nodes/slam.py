@@ -35,7 +35,7 @@ from snakeslam.runtime.bus.wire import Beat, Estimate, Hello, Sensors
 from snakeslam.runtime.nodes.live_slam import LiveSlam
 from snakeslam.runtime.process.clock import RobotClock
 from snakeslam.runtime.process.node import Life, run_beside
-from snakeslam.runtime.process.priority import SLAM_NICE, go_apart
+from snakeslam.runtime.process.priority import SLAM_NICE, set_own_share
 from snakeslam.runtime.slam.sensor_watch import CAMERA, IMU, JOINTS, SensorWatch
 from snakeslam.runtime.view.pictures import Pictures
 
@@ -163,7 +163,7 @@ class SlamNode:
         if message.boot != self._clock_boot:
             self._clock_boot = message.boot
             self._clock.restart()
-        self._clock.hear(message.stamp_ns)
+        self._clock.add(message.stamp_ns)
         self._inbox.put(message)
         if isinstance(message, Sensors) and (slam := self._slam_of(message.boot)) is not None:
             _add_stamps(slam.watch, message)
@@ -184,7 +184,7 @@ def _add_stamps(watch: SensorWatch, sensors: Sensors) -> None:
 
 def run_slam(config: Config, link: Link, life: Life) -> None:
     """Run the slam node until its life ends."""
-    go_apart(SLAM_NICE)
+    set_own_share(SLAM_NICE)
     bus = Bus(link, wanted=lambda: not life.over)
     node = SlamNode(config, bus)
     beside = [

@@ -1,1 +1,1 @@
-"""What every process needs: logs, priorities, clocks, pacing, starting and restarting children."""
+"""What every process needs: logs, priorities, clocks, pacing, starting and restarting child processes."""

@@ -1,4 +1,4 @@
-"""Structured logs on standard error, which leave standard output to others: JSON, on a terminal in words."""
+"""Structured logs on standard error, because standard output carries results: JSON, or plain text on a terminal."""
 
 import logging
 import os
@@ -14,31 +14,31 @@ from structlog.typing import EventDict, Processor
 
 VARIABLE = "SNAKESLAM_LOG"
 BURST, PER_S, MOST_KEPT = 20.0, 5.0, 256
-"""Of one kind of line so many at once, then so many a second; kinds that are remembered."""
+"""Lines of one kind that are written at once, then per second; kinds that are kept."""
 
 
 class StandardError:
-    """Standard error as it is at each line; a line that cannot be written is lost, and ends nothing.
+    """Standard error, looked up at each line; a line that cannot be written is dropped.
 
-    A terminal that was closed, or a full disk behind it, must not end the work that has something to log.
+    A terminal that was closed, or a full disk, must not end the work that logs.
     """
 
     def write(self, text: str) -> int:
-        """Write ``text`` if there is anybody to read it."""
+        """Write ``text``, if that is possible."""
         with suppress(OSError, ValueError):
             return sys.stderr.write(text)
         return len(text)
 
     def flush(self) -> None:
-        """Flush, if there is anything to flush to."""
+        """Flush, if that is possible."""
         with suppress(OSError, ValueError):
             sys.stderr.flush()
 
 
 class Repeats:
-    """Leaves out lines of a kind that comes too often; the next one that is written says how many were left out.
+    """Leaves out lines of a kind that is too frequent; the next line that is written says how many were left out.
 
-    A kind is the event with who caused it and how it went. A structlog processor, and a filter for the libraries' logs.
+    A kind is an event with its ``who`` and ``status``. A structlog processor, and a filter for the libraries' logs.
     """
 
     def __init__(self, clock: Callable[[], float] = monotonic) -> None:
@@ -55,7 +55,7 @@ class Repeats:
         return {**event, "left_out": left_out} if left_out else event
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Whether a library's line is to be written."""
+        """Return whether a library's line is to be written."""
         left_out = self.count((record.name, record.msg))
         if left_out:
             record.msg = f"{record.msg} ({left_out} such lines were left out)"

@@ -1,4 +1,4 @@
-"""A node as a process: how it starts, how long it lives, and its last word."""
+"""A node as a process: how it starts, when it ends, and the reason that it reports for its end."""
 
 import contextlib
 import multiprocessing
@@ -16,7 +16,7 @@ import structlog
 from snakeslam.errors import InputError, SnakeslamError
 from snakeslam.runtime.process.log_limit import LogLimit, error_words
 from snakeslam.runtime.process.logs import log_to_stderr
-from snakeslam.runtime.process.priority import go_along
+from snakeslam.runtime.process.priority import set_normal_priority
 from snakeslam.threads import use_one_thread
 
 POLL_S = 0.05
@@ -25,15 +25,15 @@ JOIN_S = 2.5
 
 
 @dataclass(frozen=True, slots=True)
-class LastWord:
-    """Why a node ended; ``final`` where another start with the same settings would only end the same way."""
+class EndReason:
+    """Why a node ended; ``final`` when another start with the same settings would end in the same way."""
 
     reason: str
     final: bool
 
 
 class Life:
-    """Whether a node shall go on: until its parent tells it to end or is gone, or it gets SIGTERM or SIGINT."""
+    """How long a node runs: until its parent ends it or is gone, or until SIGTERM or SIGINT."""
 
     def __init__(self, pipe: "Connection[Any, Any] | None" = None) -> None:
         self._over = threading.Event()
@@ -42,35 +42,37 @@ class Life:
 
     @property
     def over(self) -> bool:
-        """Whether it is time to end."""
+        """Whether the node is to end."""
         return self._over.is_set()
 
     def end(self) -> None:
-        """End."""
+        """Have the node end."""
         self._over.set()
 
     def wait(self, timeout_s: float) -> bool:
-        """Wait for the end; whether it has come."""
+        """Wait for the end for ``timeout_s`` at most; return whether it has come."""
         return self._over.wait(timeout_s)
 
     def _watch(self, pipe: "Connection[Any, Any]") -> None:
-        """Any word from the parent, and its pipe's end too, means to end."""
+        """End at any message from the parent, and at the end of its pipe too."""
         with contextlib.suppress(EOFError, OSError):
             pipe.recv()
         self._over.set()
 
 
 def run_beside(name: str, life: Life, do: Callable[[], None]) -> threading.Thread:
-    """Call ``do``, which waits by itself, again and again in a thread until the life ends; an error is logged."""
+    """Call ``do``, which waits by itself, repeatedly in a thread until the life ends; an error is logged."""
 
     def run() -> None:
         limit = LogLimit()
         while not life.over:
             try:
                 do()
-            except Exception as error:  # noqa: BLE001  (a thread that ends silently would be missed by nobody)
+            except Exception as error:  # noqa: BLE001  (nobody would notice a thread that ended silently)
                 if (left_out := limit.due(name)) is not None:
-                    _log.error("failed", thread=name, reason=error_words(error), left_out=left_out, exc_info=error)
+                    _log.error(
+                        "thread failed", thread=name, reason=error_words(error), left_out=left_out, exc_info=error
+                    )
                 life.wait(POLL_S)
 
     thread = threading.Thread(target=run, name=name, daemon=True)
@@ -80,13 +82,13 @@ def run_beside(name: str, life: Life, do: Callable[[], None]) -> threading.Threa
 
 @dataclass(frozen=True, slots=True)
 class Child:
-    """A node's process, and the pipe over which it says why it ended; closing the pipe ends it."""
+    """A node's process, and the pipe over which it reports why it ended; closing the pipe ends it."""
 
     process: BaseProcess
-    pipe: "Connection[None, LastWord]"
+    pipe: "Connection[None, EndReason]"
 
     def stop(self) -> None:
-        """Ask it to end, then insist."""
+        """Ask the process to end, and kill it if it does not."""
         self.pipe.close()
         self.process.join(JOIN_S)
         if self.process.is_alive():
@@ -105,39 +107,39 @@ def spawn(name: str, run: Callable[..., None], *arguments: Any) -> Child:
     return Child(process, ours)
 
 
-def _run_child(run: Callable[..., None], arguments: tuple[Any, ...], pipe: "Connection[LastWord, None]") -> None:
+def _run_child(run: Callable[..., None], arguments: tuple[Any, ...], pipe: "Connection[EndReason, None]") -> None:
     # Ctrl-C reaches the whole terminal group; the parent decides when its nodes end.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    go_along()
+    set_normal_priority()
     log_to_stderr()
     _show_name()
     life = Life(pipe)
     try:
         run(*arguments, life)
     except InputError as error:
-        _send(pipe, LastWord(str(error), final=True))
+        _send(pipe, EndReason(str(error), final=True))
     except SnakeslamError as error:
-        _send(pipe, LastWord(str(error), final=False))
+        _send(pipe, EndReason(str(error), final=False))
     except BaseException as error:
-        _send(pipe, LastWord(error_words(error), final=False))
+        _send(pipe, EndReason(error_words(error), final=False))
         raise
 
 
 def _show_name() -> None:
-    """Let ``ps`` and ``top`` tell the nodes apart."""
+    """Set the name that ``ps`` and ``top`` show."""
     with contextlib.suppress(OSError):
         Path("/proc/self/comm").write_text(multiprocessing.current_process().name)
 
 
-def _send(pipe: "Connection[LastWord, None]", word: LastWord) -> None:
+def _send(pipe: "Connection[EndReason, None]", reason: EndReason) -> None:
     try:
-        pipe.send(word)
+        pipe.send(reason)
     except OSError:
         return  # The parent is gone.
 
 
 def end_at_signals(life: Life) -> None:
-    """Have SIGINT and SIGTERM end ``life``; for a node that was started by itself."""
+    """Have SIGINT and SIGTERM end ``life``; for a node that has no parent."""
 
     def end(number: int, frame: object) -> None:
         del number, frame

@@ -1,4 +1,4 @@
-"""Keep the backend's time with the wall clock, or as near as the machine can."""
+"""Keeps the backend's time in step with the wall clock, as far as the machine is fast enough."""
 
 from collections import deque
 from collections.abc import Callable
@@ -8,7 +8,7 @@ NS = 1e-9
 
 
 class Pacer:
-    """Says how long to wait for real time; up to ``slack_s`` behind is caught up, more than that is let go."""
+    """Computes how long to wait for real time; a delay up to ``slack_s`` is caught up, a longer one is given up."""
 
     def __init__(self, clock: Callable[[], float] = monotonic, slack_s: float = 0.5, window_s: float = 3.0) -> None:
         self._clock = clock
@@ -18,7 +18,7 @@ class Pacer:
         self._history: deque[tuple[float, float]] = deque()
 
     def wait_s(self, t_ns: int) -> float:
-        """Return the seconds until the wall clock reaches backend time ``t_ns``; 0 when it is late."""
+        """Return the seconds until the wall clock reaches the backend's time ``t_ns``; 0 when that is past."""
         now, t_s = self._clock(), t_ns * NS
         if self._zero_s is None or now - self._zero_s - t_s > self._slack_s:
             self._zero_s = now - t_s
@@ -27,7 +27,7 @@ class Pacer:
 
     @property
     def realtime_factor(self) -> float | None:
-        """Backend time over wall time in the last seconds; None until there is enough of it."""
+        """Backend time over wall time in the last ``window_s``; None in the first half second."""
         if len(self._history) < 2:
             return None
         (wall_0, t_0), (wall_1, t_1) = self._history[0], self._history[-1]

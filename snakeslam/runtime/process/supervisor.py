@@ -1,4 +1,4 @@
-"""Keeps processes alive: one that dies is started again, after a while that grows with each time."""
+"""Keeps processes alive: one that dies is started again, after a wait that grows with each death."""
 
 import threading
 from collections.abc import Callable
@@ -9,14 +9,14 @@ from time import monotonic
 import structlog
 
 from snakeslam.runtime.process.log_limit import error_words
-from snakeslam.runtime.process.node import Child, LastWord
+from snakeslam.runtime.process.node import Child, EndReason
 
 FIRST_S, LONGEST_S = 0.2, 5.0
 STEADY_S = 20.0
-"""Who has lived for so long starts afresh with its back-off."""
+"""After a life of this length a death counts as the first one again."""
 TRIES = 5
 
-Tell = Callable[[str, str, bool], None]
+OnDeath = Callable[[str, str, bool], None]
 _log = structlog.get_logger("supervisor")
 
 
@@ -34,15 +34,14 @@ def backoff_s(deaths: int) -> float:
 
 
 class Supervisor:
-    """Watches children by name; ``tell(name, reason, final)`` hears of each death, from a thread of the supervisor.
+    """Watches child processes by name; calls ``on_death(name, reason, final)`` for each death, from its own threads.
 
-    Final is a death by an input that is wrong (it would only fail again), the last of TRIES in a row, and an end as
-    planned, for which the reason is empty. With ``endless`` only an end as planned is final: what has died is tried
-    again for ever.
+    A death is final when the child's input is wrong, because it would only fail again, when it is the last of TRIES in
+    a row, and when it was a planned end, for which the reason is empty. With ``endless`` only a planned end is final.
     """
 
-    def __init__(self, tell: Tell, *, endless: bool = False) -> None:
-        self._tell, self._endless = tell, endless
+    def __init__(self, on_death: OnDeath, *, endless: bool = False) -> None:
+        self._on_death, self._endless = on_death, endless
         self._lock = threading.Lock()
         self._kept: dict[str, _Kept] = {}
         self._closing = threading.Event()
@@ -81,28 +80,28 @@ class Supervisor:
                 return
 
     def _revive(self, name: str, kept: _Kept) -> bool:
-        """Report a death and start anew; False when that was final."""
+        """Report a death and start the child again; return False when the death was final."""
         kept.child.process.join()
-        word = _last_word(kept.child)
-        done = word is None and kept.child.process.exitcode == 0
-        reason = "" if done else how_it_ended(kept.child) if word is None else word.reason
+        reported = _end_reason(kept.child)
+        planned = reported is None and kept.child.process.exitcode == 0
+        reason = "" if planned else describe_exit(kept.child) if reported is None else reported.reason
         steady = monotonic() - kept.started_s > STEADY_S
         kept.deaths = 1 if steady else kept.deaths + 1
-        refused = word is not None and word.final and not self._endless
-        while not (done or refused or (kept.deaths >= TRIES and not self._endless)):
+        refused = reported is not None and reported.final and not self._endless
+        while not (planned or refused or (kept.deaths >= TRIES and not self._endless)):
             self._report(name, reason, False)
             if self._closing.wait(backoff_s(kept.deaths)):
                 return False
             try:
                 return self._start_again(kept)
             except Exception as error:  # noqa: BLE001
-                # No process could be made: that counts as another death.
+                # No process could be started: that counts as another death.
                 kept.deaths, reason = kept.deaths + 1, error_words(error)
         self._report(name, reason, True)
         return False
 
     def _start_again(self, kept: _Kept) -> bool:
-        """Start the child; False when the supervisor has been closed meanwhile."""
+        """Start the child; return False when the supervisor has been closed meanwhile."""
         with self._lock:
             if self._closing.is_set():
                 return False
@@ -110,22 +109,22 @@ class Supervisor:
         return True
 
     def _report(self, name: str, reason: str, final: bool) -> None:
-        """Call ``tell``; an error there must not leave the child unattended."""
+        """Call ``on_death``; an error there must not leave the child unwatched."""
         try:
-            self._tell(name, reason, final)
+            self._on_death(name, reason, final)
         except Exception as error:  # noqa: BLE001
             _log.error("death not reported", child=name, reason=reason, error=error_words(error))
 
 
-def _last_word(child: Child) -> LastWord | None:
+def _end_reason(child: Child) -> EndReason | None:
     try:
         return child.pipe.recv() if child.pipe.poll() else None
     except (EOFError, OSError):
         return None
 
 
-def how_it_ended(child: Child) -> str:
-    """Return in words how a process ended without a word."""
+def describe_exit(child: Child) -> str:
+    """Return how a process ended that reported no reason."""
     code = child.process.exitcode
     how = "no exit code" if code is None else f"signal {-code}" if code < 0 else f"exit code {code}"
     return f"the process ended unexpectedly ({how})"

@@ -22,7 +22,7 @@ from snakeslam.runtime.assembly.build import mode_for
 from snakeslam.runtime.assembly.spec import SessionSpec
 from snakeslam.runtime.bus.commands import Command, ControlPlayback, Shutdown
 from snakeslam.runtime.bus.topics import Answer, Ended, Event, Features, Report, RobotState
-from snakeslam.runtime.process.priority import go_along
+from snakeslam.runtime.process.priority import set_normal_priority
 from snakeslam.runtime.session import compose
 from snakeslam.runtime.session.lockstep import build_loop
 from snakeslam.runtime.session.outbox import Outbox
@@ -175,7 +175,7 @@ def run_session(spec: SessionSpec, pipe: "Connection[Report, Command]") -> None:
     """Run a session to its end; the child's entry point."""
     # Ctrl-C reaches the whole terminal group; the host decides when the session ends.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    go_along()
+    set_normal_priority()
     outbox = Outbox(pipe)
     try:
         _run(spec, pipe, outbox)

@@ -22,7 +22,9 @@ export OMP_NUM_THREADS ?= 1
 # Where PYTEST_ARGS chooses tests of the other kind only.
 NONE_IS_FINE := || [ $$? -eq 5 ]
 
-WEB_SOURCES := $(shell find web -path web/node_modules -prune -o -path web/dist -prune -o -type f -print 2>/dev/null)
+WEB_MADE := web/node_modules web/dist web/src/generated
+WEB_SOURCES := $(shell find web $(WEB_MADE:%=-path % -prune -o) -type f ! -name 'openapi.json*' -print 2>/dev/null)
+API_SOURCES := $(shell find server snakeslam -name '*.py')
 
 # $(call need,PROGRAM-OR-LIBRARY TEST,DEBIAN PACKAGES,WHAT FOR)
 define need
@@ -64,7 +66,17 @@ render-libraries:
 browser:
 	$(call need,command -v "$${CHROMIUM:-chromium}",chromium fonts-dejavu-core,the browser tests)
 
-web/dist/index.html: $(WEB_SOURCES) | $(VENV)/.synced
+# The page's types are generated from the API's schema; the page is built again only where the schema has changed.
+$(VENV)/.openapi: $(API_SOURCES) $(VENV)/.synced
+	$(BIN)/python -m server.api > web/openapi.json.new
+	@cmp -s web/openapi.json.new web/openapi.json || cp web/openapi.json.new web/openapi.json
+	@rm web/openapi.json.new
+	@touch $@
+
+web/openapi.json: $(VENV)/.openapi
+	@[ -e $@ ] || $(BIN)/python -m server.api > $@
+
+web/dist/index.html: $(WEB_SOURCES) web/openapi.json | $(VENV)/.synced
 	$(NPM) ci --silent --no-fund --no-audit
 	$(NPM) run --silent build
 	@touch $@

@@ -5,17 +5,17 @@ from collections.abc import AsyncGenerator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from http import HTTPStatus
-from importlib.metadata import version
 from pathlib import Path
 from time import monotonic
 
-from fastapi import APIRouter, Depends, FastAPI, Request
+from fastapi import APIRouter, FastAPI, Request
 from starlette.exceptions import HTTPException
 from starlette.responses import HTMLResponse, JSONResponse, Response
 from starlette.staticfiles import StaticFiles
 from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
 from server import docs, openapi, problem
+from server.api import create_api
 from server.auth import Auth, HostRule, checked_proxies, login_response, tokens_by_role
 from server.bulk import Bulk, Made
 from server.deps import House, Rooms
@@ -28,7 +28,6 @@ from server.map_file import MapFile
 from server.metrics import Metrics
 from server.observe import Observe
 from server.recordings import Library
-from server.routes import PREFIX, control, estop, gait, head, map, recordings, runs, session, state  # noqa: A004
 from server.runs import Runs
 from server.sessions import Sessions, state_folder
 from server.sockets import Sockets
@@ -92,22 +91,12 @@ def create_app(settings: ServerSettings, announce: Callable[[str], None]) -> Fas
             house.bulk.close()
             sessions.close()
 
-    app = FastAPI(
-        title="snakeslam",
-        version=version("snakeslam"),
-        lifespan=lifespan,
-        openapi_url="/api/openapi.json",
-        docs_url=None,
-        redoc_url=None,
-    )
+    app = create_api(lifespan)
     problem.install(app, lambda path: openapi.methods_at(app, path))
     app.add_middleware(Guard, auth=auth, hosts=HostRule(settings.host, config.hosts), limiter=limiter, metrics=metrics)
     app.add_middleware(Observe, metrics=metrics)
     if config.trusted_proxies:
         app.add_middleware(ProxyHeadersMiddleware, trusted_hosts=checked_proxies(config.trusted_proxies))
-    for module in (state, control, gait, head, estop, recordings, map, runs, session):
-        app.include_router(module.router, prefix=PREFIX, dependencies=[Depends(openapi.json_only)])
-    openapi.install(app)
     app.include_router(proxy.router)
     app.include_router(_own_pages(app, auth))
     if settings.page.is_dir():

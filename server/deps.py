@@ -7,6 +7,8 @@ import structlog
 from fastapi import Depends
 from starlette.requests import HTTPConnection
 
+from server import models
+from server import state as states
 from server.auth import Auth, Caller
 from server.bulk import Bulk, Made
 from server.lease import Desk, Lease
@@ -18,7 +20,6 @@ from server.recordings import Library
 from server.runs import Runs
 from server.sessions import Session
 from server.sockets import Sockets
-from server.state import Json, state_json
 from server.telemetry import Telemetry
 from server.teleop import Teleop
 from server.viewer import Viewer
@@ -51,9 +52,9 @@ class House:
     sockets: Sockets
     limiter: Limiter
 
-    def state(self) -> Json:
-        """GET /state."""
-        return state_json(self.live, self.desk)
+    def state(self) -> models.State:
+        """Return the answer of GET /state."""
+        return states.state(self.live, self.desk)
 
     def need_control(self, caller: Caller) -> None:
         """Raise a Problem unless ``caller`` may move the robot now."""

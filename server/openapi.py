@@ -4,21 +4,25 @@ What stands before the routes (``guard``) may refuse anything; what commands the
 it silent; a body may be too large, of another kind, or wrong. All of these are problem+json.
 """
 
+import json
 import re
 from collections.abc import Iterator
 from http import HTTPStatus
-from typing import Any
+from typing import Any, Literal, cast
 
 from fastapi import FastAPI, Request
 from fastapi.openapi.utils import get_openapi
-from pydantic import BaseModel
+from pydantic import BaseModel, TypeAdapter
 from starlette.requests import HTTPConnection
 
 from server.auth import COOKIE, LEASE_HEADER
+from server.models import ImageHeader, TelemetryMessage
 from server.problem import MEDIA_TYPE, Problem
 from server.routes import PREFIX
 from server.runs import FROM_REQUEST, PATH_KEYS
+from server.teleop import TeleopAnswer, TeleopInput
 from snakeslam.config import Config
+from snakeslam.studies.metrics import Metrics
 
 WRITES = ("post", "put", "delete", "patch")
 ALWAYS = (HTTPStatus.UNAUTHORIZED, HTTPStatus.MISDIRECTED_REQUEST, HTTPStatus.TOO_MANY_REQUESTS, 503)
@@ -42,9 +46,23 @@ FILES: dict[str, dict[str, Any]] = {
 OPEN = {(f"{PREFIX}/session", "post")}
 """Operations for those who have not signed in."""
 WEBSOCKETS = {
-    f"{PREFIX}/telemetry": "State, ticks, events and features as JSON text, camera images as binary messages.",
-    f"{PREFIX}/teleop": "Drive input: hello with the lease's key, then pings and drives. Operators only.",
+    f"{PREFIX}/telemetry": {
+        "description": "State, ticks, events and features as JSON text, camera images as binary messages.",
+        "sends": {"$ref": "#/components/schemas/TelemetryMessage"},
+    },
+    f"{PREFIX}/teleop": {
+        "description": "Drive input: hello with the lease's key, then pings and drives. Operators only.",
+        "sends": {"$ref": "#/components/schemas/TeleopAnswer"},
+        "receives": {"$ref": "#/components/schemas/TeleopInput"},
+    },
 }
+MESSAGES: dict[str, tuple[Any, Literal["validation", "serialization"]]] = {
+    "TelemetryMessage": (TelemetryMessage, "serialization"),
+    "ImageHeader": (ImageHeader, "serialization"),
+    "TeleopInput": (TeleopInput, "validation"),
+    "TeleopAnswer": (TeleopAnswer, "serialization"),
+}
+"""What goes over the websockets, for which OpenAPI has no place of its own: components of the schema."""
 PROBLEM: dict[str, Any] = {
     "title": "Problem",
     "description": "RFC 9457; detail is one line: where, what, and what is allowed.",
@@ -57,6 +75,33 @@ PROBLEM: dict[str, Any] = {
         "detail": TEXT,
     },
 }
+
+
+def messages_schema() -> dict[str, Any]:
+    """Return the schemas of the websockets' messages and of what they are made of, by name."""
+    found: dict[str, Any] = {}
+    for name, (kind, mode) in MESSAGES.items():
+        schema = TypeAdapter(kind).json_schema(mode=mode, ref_template="#/components/schemas/{model}")
+        found |= schema.pop("$defs", {}) | {name: schema}
+    return found
+
+
+def metrics_schema() -> dict[str, Any]:
+    """Return the schema of a run's metrics; any may be missing in a run that another version of the program wrote."""
+    schema = TypeAdapter(Metrics).json_schema()
+    return _inlined(schema, schema.pop("$defs"))
+
+
+def _inlined(form: Any, kinds: dict[str, Any]) -> Any:
+    """Return a schema with its references replaced by what they name, and without required keys."""
+    if isinstance(form, list):
+        return [_inlined(part, kinds) for part in cast("list[Any]", form)]
+    if not isinstance(form, dict):
+        return form
+    known = cast("dict[str, Any]", form)
+    if "$ref" in known:
+        return _inlined(kinds[known["$ref"].rpartition("/")[2]], kinds)
+    return {key: _inlined(value, kinds) for key, value in known.items() if key not in ("required", "default")}
 
 
 def overrides_schema(without: tuple[str, ...] = ()) -> dict[str, Any]:
@@ -73,7 +118,7 @@ def _settings(group: type[BaseModel], prefix: str) -> Iterator[tuple[str, dict[s
             yield from _settings(kind, f"{prefix}{name}.")
             continue
         form = forms[name]
-        if form.get("type") not in ("array", "object"):
+        if form.get("type") not in ("array", "object") and "$ref" not in json.dumps(form):
             yield prefix + name, form
 
 
@@ -94,7 +139,7 @@ def describe(schema: dict[str, Any]) -> dict[str, Any]:
     kinds = components.setdefault("schemas", {})
     for name in ("HTTPValidationError", "ValidationError"):
         kinds.pop(name, None)
-    kinds["Problem"] = PROBLEM
+    kinds |= messages_schema() | {"Problem": PROBLEM, "RunMetrics": metrics_schema()}
     components["securitySchemes"] = {
         "token": {"type": "http", "scheme": "bearer"},
         "session": {"type": "apiKey", "in": "cookie", "name": COOKIE},

@@ -11,6 +11,7 @@ from typing import Any
 
 from server import strict_json
 from server.background import note
+from server.models import Answer
 from server.run_store import record_of_facts
 from snakeslam.recording.datasets import SENSORS, Summary, candidates, summarise
 
@@ -61,16 +62,32 @@ def printable(name: str) -> str:
     return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in name)
 
 
-def recording_json(key: str, summary: Summary) -> dict[str, Any]:
-    """One entry of GET /recordings."""
-    return {
-        "id": key,
-        "name": printable(summary.name),
-        "kind": summary.kind,
-        "frames": summary.frames,
-        "duration_s": summary.duration_s,
+class RecordingAnswer(Answer):
+    """One entry of GET /recordings; null: unknown."""
+
+    id: str
+    name: str
+    kind: str
+    frames: int | None
+    duration_s: float | None
+    gait: str | None
+    """Of the run that recorded its own sensors, as world and seed; null for others' recordings."""
+    world: str | None
+    seed: int | None
+    when: str | None
+    """UTC, ISO 8601."""
+
+
+def recording_answer(key: str, summary: Summary) -> RecordingAnswer:
+    """Return one entry of GET /recordings."""
+    return RecordingAnswer(
+        id=key,
+        name=printable(summary.name),
+        kind=summary.kind,
+        frames=summary.frames,
+        duration_s=summary.duration_s,
         **_origin(summary),
-    }
+    )
 
 
 def _origin(summary: Summary) -> dict[str, Any]:

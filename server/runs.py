@@ -17,10 +17,11 @@ from http import HTTPStatus
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema
 
 from server import strict_json
 from server.background import Say, keep_on, note, reason
+from server.models import Answer
 from server.problem import Problem
 from server.run_store import RunRecord, RunState, RunStore
 from snakeslam.config import Override, load_config
@@ -38,6 +39,11 @@ LONGEST_LINE = 64 * 1024
 FROM_REQUEST = {"run.seed": "seed", "run.duration_s": "duration_s"}
 
 
+def or_null(model: str) -> dict[str, Any]:
+    """Return the schema of a component of the API or null, for what was written by another version of this program."""
+    return {"anyOf": [{"$ref": f"#/components/schemas/{model}"}, {"type": "null"}]}
+
+
 class RunRequest(BaseModel):
     """POST /runs."""
 
@@ -47,6 +53,30 @@ class RunRequest(BaseModel):
     overrides: dict[str, Scalar] = Field(default_factory=dict, max_length=64)
     seed: int = Field(1, ge=0, lt=2**32)
     duration_s: float = Field(20.0, gt=0, le=86400)
+
+
+class RunAnswer(Answer):
+    """A run of the API, of this server or of one before it."""
+
+    id: str
+    name: str
+    """Gait and seed."""
+    config: str | None
+    gait: str | None
+    world: str | None
+    seed: int | None
+    when: str | None
+    """When it was requested: UTC, ISO 8601."""
+    request: Annotated[dict[str, Any] | None, WithJsonSchema(or_null("RunRequest"))]
+    """Null for a run directory without the request."""
+    state: RunState
+    progress: float
+    """0 to 1."""
+    metrics: Annotated[dict[str, Any] | None, WithJsonSchema(or_null("RunMetrics"))]
+    """Null until it is done."""
+    artifacts: list[str]
+    """Names of the files that it left."""
+    error: str | None
 
 
 def checked_overrides(overrides: Mapping[str, Scalar]) -> list[Override]:
@@ -106,15 +136,15 @@ class Run:
         """The run as it is written down now."""
         return self.record.model_copy(update={"state": self.state, "metrics": self.metrics, "error": self.error})
 
-    def as_json(self) -> dict[str, Any]:
-        """GET /runs/{id}."""
-        return run_json(self.as_record(), list(self.artifacts()), self.progress)
+    def answer(self) -> RunAnswer:
+        """Return the answer of GET /runs/{id}."""
+        return run_answer(self.as_record(), list(self.artifacts()), self.progress)
 
 
-def run_json(record: RunRecord, artifacts: list[str], progress: float) -> dict[str, Any]:
+def run_answer(record: RunRecord, artifacts: list[str], progress: float) -> RunAnswer:
     """Return a run as the API shows it."""
     shown = record.model_dump(exclude={"owner"})
-    return {**shown, "progress": round(progress, 4), "artifacts": artifacts}
+    return RunAnswer(**shown, progress=round(progress, 4), artifacts=artifacts)
 
 
 def _record(run_id: str, request: RunRequest, overrides: list[Override], path: Path) -> RunRecord:
@@ -164,23 +194,23 @@ class Runs:
             self._worker = asyncio.create_task(keep_on("the queue of runs", self._work, self._say))
         return run
 
-    def all(self) -> list[dict[str, Any]]:
+    def all(self) -> list[RunAnswer]:
         """Every run on disk, those of servers before this one too, oldest first; may be called from any thread."""
         mine = dict(self._runs)
         disk = [record for record in self._store.load() if record.id not in mine]
-        return [self._shown(record) for record in disk] + [run.as_json() for run in mine.values()]
+        return [self._shown(record) for record in disk] + [run.answer() for run in mine.values()]
 
-    def get(self, run_id: str) -> dict[str, Any] | None:
+    def get(self, run_id: str) -> RunAnswer | None:
         """One run."""
         run = self._runs.get(run_id)
         if run is not None:
-            return run.as_json()
+            return run.answer()
         return next((self._shown(record) for record in self._store.load() if record.id == run_id), None)
 
     def artifact(self, run_id: str, name: str) -> Path | None:
         """One file that a run left."""
         shown = self.get(run_id)
-        return None if shown is None or shown["state"] != "done" else self._store.artifacts(run_id).get(name)
+        return None if shown is None or shown.state != "done" else self._store.artifacts(run_id).get(name)
 
     def own(self, run_id: str) -> Run | None:
         """One run of this server."""
@@ -203,9 +233,9 @@ class Runs:
         await asyncio.gather(*(self.cancel(run, CLOSE_S) for run in self._runs.values()))
         self._store.close()
 
-    def _shown(self, record: RunRecord) -> dict[str, Any]:
+    def _shown(self, record: RunRecord) -> RunAnswer:
         done = record.state == "done"
-        return run_json(record, list(self._store.artifacts(record.id)) if done else [], float(done))
+        return run_answer(record, list(self._store.artifacts(record.id)) if done else [], float(done))
 
     def _save(self, run: Run) -> None:
         try:

@@ -1,18 +1,17 @@
 """The telemetry websocket: every client gets the newest state, tick and picture; a slow one gets fewer."""
 
 import asyncio
-import json
 import re
 from collections import deque
 from typing import Any
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from server import models, state
 from server.background import first_of
 from server.lease import Desk
 from server.live import Live, View
 from server.metrics import Metrics
-from server.state import event_json, features_json, picture_bytes, state_json, tick_json
 from snakeslam.messages import MapChunk
 from snakeslam.runtime.bus.topics import Ended, Event, Features, Opening, Picture, Report, Started, Tick
 
@@ -52,8 +51,8 @@ class Client:
         """Wait for messages and take them: state first, then events, tick, picture."""
         await self._changed.wait()
         self._changed.clear()
-        state = [self._newest.pop("state")] if "state" in self._newest else []
-        batch = [*state, *self._events, *self._newest.values()]
+        first = [self._newest.pop("state")] if "state" in self._newest else []
+        batch = [*first, *self._events, *self._newest.values()]
         self._newest.clear()
         self._events.clear()
         return batch
@@ -92,7 +91,7 @@ class Telemetry:
         """The newest image of a recording, which may be paused: no other may follow. A robot's image must be fresh."""
         view = self._live.view
         recording = view.tick is not None and view.tick.playback is not None
-        return picture_bytes(view, self._picture) if recording and self._picture is not None else None
+        return state.image_bytes(view, self._picture) if recording and self._picture is not None else None
 
     def tell_state(self) -> None:
         """Send the state to all, as after something changed that no report tells."""
@@ -105,13 +104,13 @@ class Telemetry:
         """Write words of the server's own on the timeline, and tell the state that goes with them."""
         view = self._live.view
         t_ns = 0 if view.tick is None else view.tick.t_ns
-        self._event(json.dumps(event_json(view, Event(t_ns, level, text)), separators=(",", ":")))
+        self._event(state.timeline_event(view, Event(t_ns, level, text)).model_dump_json())
         self.tell_state()
 
     def _on_report(self, report: Report, view: View) -> None:
         if isinstance(report, Tick):
             self._metrics.on_tick(report)
-            self._broadcast("tick", json.dumps(tick_json(view, report), separators=(",", ":")))
+            self._broadcast("tick", state.tick_message(view, report).model_dump_json())
         elif isinstance(report, Opening):
             self._picture = None
             for client in self._clients:
@@ -120,11 +119,11 @@ class Telemetry:
             self._metrics.pictures.inc()
             self._picture = report
             if self._clients:
-                self._broadcast("picture", picture_bytes(view, report))
+                self._broadcast("picture", state.image_bytes(view, report))
         elif isinstance(report, Features):
-            self._broadcast("features", json.dumps(features_json(view, report), separators=(",", ":")))
+            self._broadcast("features", state.features_message(view, report).model_dump_json())
         elif isinstance(report, Event):
-            self._event(json.dumps(event_json(view, report), separators=(",", ":")))
+            self._event(state.timeline_event(view, report).model_dump_json())
         elif isinstance(report, Ended):
             text = "the session ended" if report.error is None else report.error
             level = "info" if report.error is None else "error"
@@ -137,12 +136,12 @@ class Telemetry:
         return not isinstance(report, MapChunk | Picture | Features) and self._news_of() != self._news
 
     def _news_of(self) -> dict[str, Any]:
-        state = state_json(self._live, self._desk)
-        news = {key: value for key, value in state.items() if key not in NOT_NEWS}
-        return news | {key: state["health"][key] for key in ("verdict", "map_connected")}
+        now = state.state(self._live, self._desk)
+        news = {key: value for key, value in now if key not in NOT_NEWS}
+        return news | {"verdict": now.health.verdict, "map_connected": now.health.map_connected}
 
     def _state_text(self) -> str:
-        return json.dumps({"type": "state", **state_json(self._live, self._desk)}, separators=(",", ":"))
+        return models.StateMessage.model_construct(**dict(state.state(self._live, self._desk))).model_dump_json()
 
     def _broadcast(self, kind: str, message: str | bytes) -> None:
         for client in self._clients:
@@ -163,7 +162,7 @@ async def _until_closed(socket: WebSocket, client: Client) -> None:
                 return
             ping = PING.fullmatch(message.get("text") or "")
             if ping is not None:
-                client.put("pong", f'{{"type":"pong","t_ms":{ping[1]}}}')
+                client.put("pong", models.Pong(t_ms=float(ping[1])).model_dump_json())
     except (WebSocketDisconnect, RuntimeError):
         return
 

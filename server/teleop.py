@@ -2,7 +2,6 @@
 
 import asyncio
 import contextlib
-import json
 from collections.abc import Callable
 from time import monotonic
 from typing import Annotated, Any, Literal
@@ -13,11 +12,13 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from server.background import first_of
-from server.hand import Hand, Input
+from server.hand import Hand
+from server.hand import Input as HandInput
 from server.lease import Desk
 from server.limits import Bucket, Rate
 from server.live import Live
 from server.metrics import Metrics
+from server.models import Answer, Pong
 from server.problem import Problem
 from snakeslam.runtime.bus.commands import Drive, Stop
 
@@ -28,26 +29,64 @@ LOST_CONTROL, TOO_MUCH, BAD_MESSAGE = 4001, 4002, 4003
 _log = structlog.get_logger("teleop")
 
 
-class _Strict(BaseModel):
+class Input(BaseModel):
+    """What a client sends, stamped by its own clock."""
+
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, strict=True)
 
     t_ms: float
 
 
-class Ping(_Strict):
-    """Keeps the lease and tells the sender's clock; answered by a pong."""
+class Hello(BaseModel):
+    """The first message of a socket."""
+
+    model_config = ConfigDict(extra="ignore", strict=True)
+
+    type: Literal["hello"]
+    lease: str
+
+
+class Ping(Input):
+    """Renews the lease and shows the sender's clock; answered by a pong."""
 
     type: Literal["ping"]
 
 
-class DriveInput(_Strict):
-    """What the hand wants now."""
+class DriveInput(Input):
+    """The deadman input: what the operator holds down now."""
 
     type: Literal["drive"]
     seq: Annotated[int, Field(strict=True, ge=0, lt=2**53)]
     drive: Annotated[float, Field(ge=-1, le=1)]
     turn: Annotated[float, Field(ge=-1, le=1)] = 0.0
 
+
+class Ready(Answer):
+    """The lease is good: pings and drives may follow."""
+
+    type: Literal["ready"] = "ready"
+
+
+class Done(Answer):
+    """The robot has obeyed the drive of this number."""
+
+    seq: int
+    t_ms: float
+    type: Literal["done"] = "done"
+
+
+class Refused(Answer):
+    """The drive of this number was refused."""
+
+    seq: int
+    t_ms: float
+    detail: str
+    type: Literal["refused"] = "refused"
+
+
+TeleopInput = Hello | Ping | DriveInput
+TeleopAnswer = Ready | Pong | Done | Refused
+"""The messages of /teleop, told apart by ``type``."""
 
 _MESSAGE: TypeAdapter[Ping | DriveInput] = TypeAdapter(Annotated[Ping | DriveInput, Field(discriminator="type")])
 
@@ -159,25 +198,24 @@ class Driver:
     async def _hello(self, text: str) -> bool:
         """Take the first message: {"type": "hello", "lease": KEY}."""
         try:
-            hello = json.loads(text if len(text) <= MAX_CHARS else "")
-            key = str(hello["lease"]) if hello["type"] == "hello" else ""
-        except (ValueError, TypeError, KeyError, RecursionError):
+            key = Hello.model_validate_json(text if len(text) <= MAX_CHARS else "").lease
+        except ValidationError:
             return await self._close(BAD_MESSAGE, "say hello with your lease first")
         if not self._desk.holds(key):
             return await self._close(LOST_CONTROL, "you do not have control")
         self._hand.pressed = self._is_held_down(key)
         self.key = key
-        await self._answer({"type": "ready"})
+        await self._answer(Ready())
         return True
 
     async def _ping(self, ping: Ping) -> None:
         self._hand.synchronise(ping.t_ms * 1e-3, monotonic())
         if self._desk.holds(self.key):
             self._desk.renew(self.key)
-        await self._answer({"type": "pong", "t_ms": ping.t_ms})
+        await self._answer(Pong(t_ms=ping.t_ms))
 
     def _judge(self, given: DriveInput) -> None:
-        why = self._hand.take(Input(given.seq, given.t_ms * 1e-3, given.drive, given.turn), monotonic())
+        why = self._hand.take(HandInput(given.seq, given.t_ms * 1e-3, given.drive, given.turn), monotonic())
         self._metrics.drive.labels(why or "taken").inc()
         if why is None:
             self._newest = given
@@ -204,8 +242,10 @@ class Driver:
         assert given is not None
         begins = self._hand.take_begins()
         refusal = await self._command(Drive(self._hand.drive, self._hand.turn, self._name, begins))
-        done = {"type": "done", "seq": given.seq, "t_ms": given.t_ms}
-        await self._answer(done if refusal is None else {**done, "type": "refused", "detail": refusal})
+        if refusal is None:
+            await self._answer(Done(seq=given.seq, t_ms=given.t_ms))
+        else:
+            await self._answer(Refused(seq=given.seq, t_ms=given.t_ms, detail=refusal))
 
     async def _command(self, command: Drive | Stop) -> str | None:
         """Drive or stop, by what the hand last said; return why it was refused."""
@@ -237,8 +277,8 @@ class Driver:
         if refusal is not None:
             _log.error("release not confirmed", why=refusal)
 
-    async def _answer(self, message: dict[str, Any]) -> None:
-        await self._socket.send_text(json.dumps(message, separators=(",", ":")))
+    async def _answer(self, message: TeleopAnswer) -> None:
+        await self._socket.send_text(message.model_dump_json())
 
     async def _close(self, code: int, why: str) -> bool:
         await self._socket.close(code, why)

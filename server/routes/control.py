@@ -1,6 +1,6 @@
 """Who may move the robot: the operator's lease, and the teleop websocket that needs it."""
 
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter, WebSocket
 from pydantic import BaseModel, ConfigDict, Field
@@ -8,7 +8,8 @@ from pydantic import BaseModel, ConfigDict, Field
 from server.deps import Rooms, Who
 from server.fields import Name
 from server.lease import LONGEST_S, RENEWED_S, Lease
-from server.state import control_json
+from server.models import Answer, Control
+from server.state import control
 
 router = APIRouter(tags=["control"])
 
@@ -26,36 +27,53 @@ class LeaseRequest(BaseModel):
     """Take it from whom has it."""
 
 
+class LeaseState(Control):
+    """Who has control, and for how long if it is not renewed; 0 while nobody has."""
+
+    left_s: float
+
+
+class LeaseAnswer(Answer):
+    """A lease for its holder."""
+
+    key: str
+    """Secret: sent as Control-Lease with every command."""
+    id: int
+    holder: str
+    seconds: float
+    """It lapses so long after the last renewal or command."""
+
+
 @router.get("/control/lease")
-async def get_lease(house: Rooms) -> dict[str, Any]:
+async def get_lease(house: Rooms) -> LeaseState:
     """Who has control, and for how long if it is not renewed."""
-    return {**control_json(house.desk), "left_s": round(house.desk.left_s, 2)}
+    return LeaseState(**dict(control(house.desk)), left_s=round(house.desk.left_s, 2))
 
 
 @router.post("/control/lease")
-async def take(house: Rooms, who: Who, request: LeaseRequest | None = None) -> dict[str, Any]:
+async def take(house: Rooms, who: Who, request: LeaseRequest | None = None) -> LeaseAnswer:
     """Take control; send the key as Control-Lease with every command, and renew it in time."""
     request = LeaseRequest() if request is None else request
     before = house.desk.lease
     lease = house.desk.take(request.name, request.seconds, over=request.take_over, identity=who.identity)
     how = "taken" if before is None or before.key == who.identity else "taken over"
     house.tell_lease(lease, how, f" from {before.holder}" if before is not None and how == "taken over" else "")
-    return lease_json(lease)
+    return _answer(lease)
 
 
 @router.put("/control/lease")
-async def renew(house: Rooms, who: Who) -> dict[str, Any]:
+async def renew(house: Rooms, who: Who) -> LeaseAnswer:
     """Keep control."""
-    return lease_json(house.desk.renew(who.lease_key))
+    return _answer(house.desk.renew(who.lease_key))
 
 
 @router.delete("/control/lease")
-async def release(house: Rooms, who: Who) -> dict[str, Any]:
+async def release(house: Rooms, who: Who) -> Control:
     """Give control back; the robot stops."""
     lease = house.desk.release(who.lease_key)
     await house.stop_if_moving()
     house.tell_lease(lease, "given back")
-    return control_json(house.desk)
+    return control(house.desk)
 
 
 @router.websocket("/teleop")
@@ -64,6 +82,5 @@ async def teleop(socket: WebSocket, house: Rooms, who: Who) -> None:
     await house.sockets.serve("teleop", socket, who, house.teleop.serve)
 
 
-def lease_json(lease: Lease) -> dict[str, Any]:
-    """A lease for its holder."""
-    return {"key": lease.key, "id": lease.id, "holder": lease.holder, "seconds": lease.seconds}
+def _answer(lease: Lease) -> LeaseAnswer:
+    return LeaseAnswer(key=lease.key, id=lease.id, holder=lease.holder, seconds=lease.seconds)

@@ -1,13 +1,13 @@
 """The emergency stop."""
 
 from http import HTTPStatus
-from typing import Any
 
 from fastapi import APIRouter, Response
 from pydantic import BaseModel, ConfigDict
 
 from server.deps import Rooms, Who
 from server.fields import Words
+from server.models import State
 
 router = APIRouter(tags=["estop"])
 OPERATOR = "operator"
@@ -21,8 +21,17 @@ class EStopRequest(BaseModel):
     reason: Words = None
 
 
-@router.post("/estop", responses={HTTPStatus.ACCEPTED: {"description": "sent, but not confirmed by the robot yet"}})
-async def estop(house: Rooms, response: Response, request: EStopRequest | None = None) -> dict[str, Any]:
+class EStopAnswer(State):
+    """The state, and whether the robot has confirmed the stop."""
+
+    confirmed: bool
+
+
+UNCONFIRMED = {"description": "sent, but not confirmed by the robot yet", "model": EStopAnswer}
+
+
+@router.post("/estop", responses={HTTPStatus.ACCEPTED: UNCONFIRMED})
+async def estop(house: Rooms, response: Response, request: EStopRequest | None = None) -> EStopAnswer:
     """Latch the emergency stop; anybody may who is signed in.
 
     Answers 200 when the robot has confirmed it. Without its word within half a second it answers 202 with "confirmed"
@@ -34,11 +43,11 @@ async def estop(house: Rooms, response: Response, request: EStopRequest | None =
         house.telemetry.tell_state()
     if not confirmed:
         response.status_code = HTTPStatus.ACCEPTED
-    return {**house.state(), "confirmed": confirmed}
+    return EStopAnswer.model_construct(**dict(house.state()), confirmed=confirmed)
 
 
 @router.post("/estop/reset")
-async def reset(house: Rooms, who: Who) -> dict[str, Any]:
+async def reset(house: Rooms, who: Who) -> State:
     """Clear the latch; the robot stays where it is until it is started again. Needs control."""
     house.need_control(who)
     try:

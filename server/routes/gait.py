@@ -1,15 +1,16 @@
 """The gait: which, how, and whether it moves."""
 
 from http import HTTPStatus
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter
 from pydantic import ConfigDict, Field
 
 from server.deps import Rooms, Who
 from server.live import Live
+from server.models import Answer, GaitState, ParameterKey, State
 from server.problem import Problem
-from server.state import gait_json
+from server.state import gait_state
 from snakeslam.gaits.catalogue import GAITS, GaitName, GaitSettings, resolve
 from snakeslam.gaits.command import commanded_gait
 from snakeslam.gaits.gait import Gait
@@ -29,15 +30,45 @@ class GaitRequest(GaitSettings):
     turn: Annotated[float, Field(ge=-1, le=1)] | None = None
 
 
-@router.get("/gait")
-async def get_gait(house: Rooms) -> dict[str, Any]:
+class GaitParameter(Answer):
+    """A number of a gait that the operator may set."""
+
+    key: ParameterKey
+    label: str
+    unit: str
+    min: float
+    max: float
+    step: float
+    default: float
+
+
+class GaitEntry(Answer):
+    """A gait of the catalogue."""
+
+    name: GaitName
+    title: str
+    summary: str
+    turns: bool
+    """Whether it can be steered."""
+    parameters: list[GaitParameter]
+
+
+class GaitAnswer(Answer):
     """The gait as it is, and all there are."""
-    model = _model(house.live)
-    return {"current": gait_json(house.live.gait()), "catalogue": [_entry_json(gait, model) for gait in GAITS.values()]}
+
+    current: GaitState
+    catalogue: list[GaitEntry]
+
+
+@router.get("/gait")
+async def get_gait(house: Rooms) -> GaitAnswer:
+    """The gait as it is, and all there are."""
+    entries = [_entry(gait, _model(house.live)) for gait in GAITS.values()]
+    return GaitAnswer(current=gait_state(house.live.gait()), catalogue=entries)
 
 
 @router.put("/gait")
-async def put_gait(request: GaitRequest, house: Rooms, who: Who) -> dict[str, Any]:
+async def put_gait(request: GaitRequest, house: Rooms, who: Who) -> State:
     """Change the gait; the change is smooth, and nothing starts to move for it. Needs control."""
     house.live.need_robot()
     house.need_control(who)
@@ -52,7 +83,7 @@ async def put_gait(request: GaitRequest, house: Rooms, who: Who) -> dict[str, An
 
 
 @router.post("/gait/start")
-async def start(house: Rooms, who: Who) -> dict[str, Any]:
+async def start(house: Rooms, who: Who) -> State:
     """Set the robot going, until it is stopped or control is lost. Needs control."""
     house.need_control(who)
     await house.live.move()
@@ -62,7 +93,7 @@ async def start(house: Rooms, who: Who) -> dict[str, Any]:
 
 
 @router.post("/gait/back-up")
-async def back_up(house: Rooms, who: Who) -> dict[str, Any]:
+async def back_up(house: Rooms, who: Who) -> State:
     """Play the gait backwards for ``safety.back_up_s``, then stop: away from what the robot cannot see past.
 
     It goes on however blind the robot is; all else that holds a robot holds it. Needs control.
@@ -73,7 +104,7 @@ async def back_up(house: Rooms, who: Who) -> dict[str, Any]:
 
 
 @router.post("/gait/stop")
-async def stop(house: Rooms) -> dict[str, Any]:
+async def stop(house: Rooms) -> State:
     """Bring the robot to rest, smoothly. Any operator may, with control or without."""
     house.live.need_robot()
     await house.live.command(Stop())
@@ -88,22 +119,22 @@ def _command(settings: GaitSettings, turn: float) -> GaitCommand:
     return GaitCommand(t_ns=0, gait=settings.name, turn=turn, parameters=settings.given())
 
 
-def _entry_json(gait: Gait, model: SnakeModel) -> dict[str, Any]:
-    return {
-        "name": gait.name,
-        "title": gait.title,
-        "summary": gait.summary,
-        "turns": gait.turns,
-        "parameters": [
-            {
-                "key": parameter.key,
-                "label": parameter.kind.label,
-                "unit": parameter.kind.unit,
-                "min": parameter.minimum,
-                "max": parameter.maximum,
-                "step": parameter.kind.step,
-                "default": parameter.default,
-            }
+def _entry(gait: Gait, model: SnakeModel) -> GaitEntry:
+    return GaitEntry(
+        name=gait.name,
+        title=gait.title,
+        summary=gait.summary,
+        turns=gait.turns,
+        parameters=[
+            GaitParameter(
+                key=parameter.key,
+                label=parameter.kind.label,
+                unit=parameter.kind.unit,
+                min=parameter.minimum,
+                max=parameter.maximum,
+                step=parameter.kind.step,
+                default=parameter.default,
+            )
             for parameter in gait.parameters_for(model)
         ],
-    }
+    )

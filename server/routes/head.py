@@ -1,13 +1,14 @@
 """The head: how the neck holds it, where its line points, and how still it is."""
 
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter
 from pydantic import BaseModel, ConfigDict, Field
 
 from server.deps import Rooms, Who
 from server.live import Live
-from server.state import head_control_json, head_json
+from server.models import Answer, HeadControl, HeadMotion, State
+from server.state import head_control, head_motion
 from snakeslam.errors import InputError
 from snakeslam.gaits.catalogue import ResolvedGait, resolve
 from snakeslam.gaits.command import commanded_gait
@@ -18,8 +19,8 @@ from snakeslam.head.neck import most_neck_joints, neck_joints_of
 from snakeslam.head.settings import LEAST_NECK_JOINTS, HeadController, HeadSettings
 from snakeslam.messages import HeadCommand
 from snakeslam.robot.model import SnakeModel, snake_model
+from snakeslam.runtime.bus import topics
 from snakeslam.runtime.bus.commands import SetHead
-from snakeslam.runtime.bus.topics import HeadMotion
 
 router = APIRouter(tags=["head"])
 
@@ -36,28 +37,67 @@ class HeadRequest(BaseModel):
     """Turns the head's reference line, and so the robot; positive to the left."""
 
 
+class HeadEntryAnswer(Answer):
+    """A controller of the head, and whether it can hold it in the present gait."""
+
+    name: HeadController
+    title: str
+    summary: str
+    steers: bool
+    """Whether the head's reference line, and so the robot, can be turned."""
+    available: bool
+    reason: str | None
+    """Why it is not available."""
+
+
+class NeckJoints(Answer):
+    """How many yaw joints a neck may have on this robot."""
+
+    min: int
+    max: int
+    default: int
+
+
+class Limits(Answer):
+    """The range of a number, both ends included."""
+
+    min: float
+    max: float
+
+
+class HeadAnswer(Answer):
+    """How the head is held, the controllers there are, and how still it is now."""
+
+    current: HeadControl | None
+    """Null without a robot."""
+    controllers: list[HeadEntryAnswer]
+    neck_joints: NeckJoints
+    turn_by_deg: Limits
+    stillness: HeadMotion
+
+
 @router.get("/head")
-async def get_head(house: Rooms) -> dict[str, Any]:
+async def get_head(house: Rooms) -> HeadAnswer:
     """How the head is held, the controllers there are, and how still it is now."""
     live = house.live
     model, gait, settings = _model(live), _gait(live), live.head()
     tick = live.view.tick
     tried = settings or live.view.config.head
-    return {
-        "current": head_control_json(settings),
-        "controllers": [_entry_json(entry, tried, model, gait) for entry in HEAD_CATALOGUE.values()],
-        "neck_joints": {
-            "min": LEAST_NECK_JOINTS,
-            "max": most_neck_joints(model),
-            "default": neck_joints_of(live.view.config.head, model),
-        },
-        "turn_by_deg": {"min": -MOST_TURN_DEG, "max": MOST_TURN_DEG},
-        "stillness": head_json(HeadMotion() if tick is None else tick.head),
-    }
+    return HeadAnswer(
+        current=head_control(settings),
+        controllers=[_entry(entry, tried, model, gait) for entry in HEAD_CATALOGUE.values()],
+        neck_joints=NeckJoints(
+            min=LEAST_NECK_JOINTS,
+            max=most_neck_joints(model),
+            default=neck_joints_of(live.view.config.head, model),
+        ),
+        turn_by_deg=Limits(min=-MOST_TURN_DEG, max=MOST_TURN_DEG),
+        stillness=head_motion(topics.HeadMotion() if tick is None else tick.head),
+    )
 
 
 @router.put("/head")
-async def put_head(request: HeadRequest, house: Rooms, who: Who) -> dict[str, Any]:
+async def put_head(request: HeadRequest, house: Rooms, who: Who) -> State:
     """Change how the head is held, or turn its line; smoothly, and nothing starts to move for it. Needs control."""
     house.live.need_robot()
     house.need_control(who)
@@ -76,17 +116,17 @@ def _gait(live: Live) -> ResolvedGait:
     return resolve(commanded_gait(live.gait(), live.view.config.gait), _model(live))
 
 
-def _entry_json(entry: HeadEntry, settings: HeadSettings, model: SnakeModel, gait: ResolvedGait) -> dict[str, Any]:
+def _entry(entry: HeadEntry, settings: HeadSettings, model: SnakeModel, gait: ResolvedGait) -> HeadEntryAnswer:
     reason = None
     try:
         check(settings.model_copy(update={"controller": entry.name}), model, gait)
     except InputError as error:
         reason = error.problem + (f" (allowed: {error.allowed})" if error.allowed else "")
-    return {
-        "name": entry.name,
-        "title": entry.title,
-        "summary": effect(entry.name, gait),
-        "steers": entry.steers,
-        "available": reason is None,
-        "reason": reason,
-    }
+    return HeadEntryAnswer(
+        name=entry.name,
+        title=entry.title,
+        summary=effect(entry.name, gait),
+        steers=entry.steers,
+        available=reason is None,
+        reason=reason,
+    )

@@ -2,16 +2,17 @@
 
 from dataclasses import replace
 from http import HTTPStatus
-from typing import Annotated, Any
+from typing import Annotated
 
 from fastapi import APIRouter
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from server.deps import Rooms, Who
+from server.models import Playback, State
 from server.problem import Problem
-from server.recordings import printable, recording_json
+from server.recordings import RecordingAnswer, printable, recording_answer
 from server.runs import Scalar, checked_overrides
-from server.state import playback_json
+from server.state import playback
 from snakeslam.config import override_config
 from snakeslam.estimation.settings import Mode
 from snakeslam.runtime.bus.commands import ControlPlayback
@@ -37,13 +38,13 @@ class SimRequest(BaseModel):
 
 
 @router.get("/recordings")
-async def get_recordings(house: Rooms) -> list[dict[str, Any]]:
+async def get_recordings(house: Rooms) -> list[RecordingAnswer]:
     """The recordings that can be played; the list is at most two seconds old."""
-    return [recording_json(key, summary) for key, summary in (await house.recordings.get()).items()]
+    return [recording_answer(key, summary) for key, summary in (await house.recordings.get()).items()]
 
 
 @router.post("/recordings/{recording_id}/play")
-async def play(recording_id: str, house: Rooms, who: Who, request: PlayRequest | None = None) -> dict[str, Any]:
+async def play(recording_id: str, house: Rooms, who: Who, request: PlayRequest | None = None) -> State:
     """Play a recording in the live view; without a mode, the one that its sensors allow. Needs control.
 
     A mode that they do not allow ends the session with a line that says so.
@@ -80,14 +81,14 @@ class PlaybackRequest(BaseModel):
 
 
 @router.get("/playback")
-async def get_playback(house: Rooms) -> dict[str, Any] | None:
+async def get_playback(house: Rooms) -> Playback | None:
     """How the recording that is open plays; null where none is."""
     tick = house.live.view.tick
-    return None if tick is None else playback_json(tick.playback)
+    return None if tick is None else playback(tick.playback)
 
 
 @router.put("/playback")
-async def put_playback(house: Rooms, who: Who, request: PlaybackRequest) -> dict[str, Any] | None:
+async def put_playback(house: Rooms, who: Who, request: PlaybackRequest) -> Playback | None:
     """Pause, seek, step through, or change the speed of the recording that is open. Needs control."""
     house.need_control(who)
     await house.live.control_playback(ControlPlayback(**request.model_dump()))
@@ -95,7 +96,7 @@ async def put_playback(house: Rooms, who: Who, request: PlaybackRequest) -> dict
 
 
 @router.post("/sim/start")
-async def start_sim(house: Rooms, who: Who, request: SimRequest | None = None) -> dict[str, Any]:
+async def start_sim(house: Rooms, who: Who, request: SimRequest | None = None) -> State:
     """Start the simulator anew, with settings changed as in --set. Needs control."""
     overrides = checked_overrides({} if request is None else request.overrides)
     spec = replace(house.spec, config=override_config(house.config, overrides))

@@ -2,14 +2,13 @@
 
 from asyncio import to_thread
 from http import HTTPStatus
-from typing import Any
 
 from fastapi import APIRouter
 from starlette.responses import FileResponse, Response
 
 from server.deps import House, Rooms
 from server.problem import Problem
-from server.runs import RunRequest
+from server.runs import RunAnswer, RunRequest
 
 router = APIRouter(tags=["runs"])
 BINARY = "application/octet-stream"
@@ -22,33 +21,33 @@ MEDIA_TYPES = {
 
 
 @router.post("/runs", status_code=HTTPStatus.ACCEPTED)
-async def submit(request: RunRequest, house: Rooms, response: Response) -> dict[str, Any]:
+async def submit(request: RunRequest, house: Rooms, response: Response) -> RunAnswer:
     """Queue a run; the same as ``snakeslam run`` with these settings."""
     run = house.runs.submit(request)
     response.headers["Location"] = f"/api/v1/runs/{run.id}"
-    return run.as_json()
+    return run.answer()
 
 
 @router.get("/runs")
-def get_runs(house: Rooms) -> list[dict[str, Any]]:
+def get_runs(house: Rooms) -> list[RunAnswer]:
     """Every run on disk, those from before the server started too, oldest first."""
     return house.runs.all()
 
 
 @router.get("/runs/{run_id}")
-def get_run(run_id: str, house: Rooms) -> dict[str, Any]:
+def get_run(run_id: str, house: Rooms) -> RunAnswer:
     """State, progress and result of a run."""
     return _find(house, run_id)
 
 
 @router.delete("/runs/{run_id}")
-async def cancel(run_id: str, house: Rooms) -> dict[str, Any]:
+async def cancel(run_id: str, house: Rooms) -> RunAnswer:
     """Cancel a run that waits or runs; one that is over stays as it is."""
     run = house.runs.own(run_id)
     if run is not None:
         await house.runs.cancel(run)
     shown = await to_thread(_find, house, run_id)
-    if shown["state"] in ("queued", "running"):
+    if shown.state in ("queued", "running"):
         raise Problem(HTTPStatus.CONFLICT, "another server runs it")
     return shown
 
@@ -63,7 +62,7 @@ def get_artifact(run_id: str, name: str, house: Rooms) -> FileResponse:
     return FileResponse(path, filename=path.name, media_type=MEDIA_TYPES.get(path.suffix, BINARY))
 
 
-def _find(house: House, run_id: str) -> dict[str, Any]:
+def _find(house: House, run_id: str) -> RunAnswer:
     shown = house.runs.get(run_id)
     if shown is None:
         raise Problem(HTTPStatus.NOT_FOUND, "there is no such run")

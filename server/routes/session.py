@@ -7,8 +7,9 @@ from fastapi import APIRouter, Request
 from pydantic import BaseModel, ConfigDict, Field
 from starlette.responses import Response
 
-from server.auth import delete_cookie, set_cookie
+from server.auth import Role, delete_cookie, set_cookie
 from server.deps import Rooms, Who
+from server.models import Answer
 from server.problem import Problem
 
 # Guessing shall be slow.
@@ -23,6 +24,12 @@ class SignIn(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True)
 
     token: str = Field(max_length=512)
+
+
+class SessionAnswer(Answer):
+    """As what the caller is signed in."""
+
+    role: Role
 
 
 @router.post("/session", status_code=HTTPStatus.NO_CONTENT)
@@ -42,9 +49,9 @@ async def sign_in(request: SignIn, connection: Request, house: Rooms) -> Respons
 
 
 @router.get("/session")
-async def get_session(who: Who) -> dict[str, str]:
+async def get_session(who: Who) -> SessionAnswer:
     """What the caller may do: an operator may take control, a viewer only watch and press the E-stop."""
-    return {"role": who.role}
+    return SessionAnswer(role=who.role)
 
 
 @router.delete("/session", status_code=HTTPStatus.NO_CONTENT)

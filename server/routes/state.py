@@ -1,16 +1,15 @@
 """GET /state and the telemetry websocket."""
 
-from typing import Any
-
 from fastapi import APIRouter, WebSocket
 
 from server.deps import Rooms, Who
+from server.models import State
 
 router = APIRouter(tags=["state"])
 
 
 @router.get("/state")
-async def get_state(house: Rooms) -> dict[str, Any]:
+async def get_state(house: Rooms) -> State:
     """What runs, how it moves, and what the estimator says of itself."""
     return house.state()
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from server.recordings import Library, recording_json
+from server.recordings import Library, recording_answer
 from server.run_store import INTERRUPTED, RunStore
 from server.runs import RunRequest
 from tests.server.running import is_ready, start, wait_for
@@ -44,7 +44,7 @@ def test_odd_folders_hide_no_recording(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe" / "rgb.txt")
     (tmp_path / "folder" / "rgb.txt").mkdir(parents=True)
     try:
-        found = [recording_json(key, summary) for key, summary in Library((tmp_path,)).all().items()]
+        found = [recording_answer(key, summary).model_dump() for key, summary in Library((tmp_path,)).all().items()]
     finally:
         (tmp_path / "closed").chmod(0o700)
     text = json.dumps(found, ensure_ascii=False).encode().decode()
@@ -108,8 +108,8 @@ def test_odd_files_hide_no_run(tmp_path: Path) -> None:
     folder(204)
     (tmp_path / "another").mkdir()
     runs = ShortRuns(tmp_path).all()
-    json.dumps(runs, allow_nan=False, ensure_ascii=False).encode()
-    states = {int(run["id"], 16): run["state"] for run in runs}
+    json.dumps([run.model_dump() for run in runs], allow_nan=False, ensure_ascii=False).encode()
+    states = {int(run.id, 16): run.state for run in runs}
     assert states.pop(1) == "done"
     assert set(states.values()) == {"failed"}
     assert set(range(2, 12)) | {203, 204} <= set(states)

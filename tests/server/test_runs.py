@@ -62,7 +62,7 @@ def test_runs_go_one_at_a_time_in_order(queue: Runs) -> None:
 
     for run, seed in zip(asyncio.run(go()), (1, 2, 3), strict=True):
         assert (run.state, run.progress, run.metrics) == ("done", 1.0, {"frames": seed})
-        assert run.as_json()["artifacts"] == ["estimate.tum"]
+        assert run.answer().artifacts == ["estimate.tum"]
         assert run.artifacts()["estimate.tum"].read_text() == str(seed)
 
 

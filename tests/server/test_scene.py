@@ -12,7 +12,8 @@ import viser
 
 from server.body import body_links, heading_rad, mean_path
 from server.live import MAX_PATH, Path3, View
-from server.state import body_json
+from server.models import Body
+from server.state import body
 from server.viewer import MAX_PATH_POINTS, Scene, capsule_mesh, path_segments
 from server.viewer_host import start_viser, stop_viser
 from snakeslam.config import Config
@@ -150,9 +151,9 @@ def test_the_page_follows_the_imu_of_a_recording_without_joints() -> None:
     T = np.eye(4)
     T[:3, 3] = [1.0, 2.0, 0.5]
     view = View("recording", "clip", Config())
-    found = body_json(view, replace(TICK, T_WI=T, Ts_WL=None))
-    assert found == {"p_m": [1.0, 2.0, 0.5], "heading_deg": 0.0, "estimated": True}
-    assert body_json(view, replace(TICK, T_WI=None, Ts_WL=None)) is None
+    found = body(view, replace(TICK, T_WI=T, Ts_WL=None))
+    assert found == Body(p_m=[1.0, 2.0, 0.5], heading_deg=0.0, estimated=True)
+    assert body(view, replace(TICK, T_WI=None, Ts_WL=None)) is None
 
 
 def test_the_heading_is_the_heads_mean_one_or_that_of_the_body() -> None:

@@ -1,8 +1,8 @@
 // The typed client of /api/v1: whatever fails becomes one line that says what failed, where, and what to do.
 
-import type { ClearanceAnswer, GaitAnswer, GaitRequest, HeadAnswer, HeadRequest, Lease, Overrides, Playback, PlaybackRequest, Recording, RobotState, Role, Run, RunRequest } from "./types";
+import type { paths } from "./generated/api";
+import type { GaitRequest, HeadRequest, Mode, Overrides, PlaybackRequest, RunRequest } from "./types";
 
-const PREFIX = "/api/v1";
 const TIMEOUT_MS = 10_000;
 const LONG_MS = 60_000;
 let leaseKey: string | null = null;
@@ -22,14 +22,28 @@ export class ApiError extends Error {
   }
 }
 
+type Method = "get" | "post" | "put" | "delete";
+type Json<Content> = Content extends { content: { "application/json": infer T } } ? T : never;
+/** What an operation of the schema answers, and the body that it takes. */
+type Answer<Operation> = Operation extends { responses: infer R } ? (R extends { 200: infer Ok } ? Json<Ok> : R extends { 202: infer Ok } ? Json<Ok> : undefined) : never;
+type Body<Operation> = Operation extends { requestBody?: infer B } ? Json<NonNullable<B>> : never;
+
+interface Options<Body> {
+  body?: Body;
+  /** What stands in the path's braces. */
+  path?: Record<string, string>;
+  query?: Record<string, string | number>;
+  timeoutMs?: number;
+  keepalive?: boolean;
+}
+
 interface Call {
   /** What is done, as the beginning of a sentence: "Starting the robot". */
   what: string;
   method: string;
+  /** With the API's prefix and the query. */
   path: string;
-  body?: unknown;
-  timeoutMs?: number;
-  keepalive?: boolean;
+  timeoutMs: number;
 }
 
 /** What a problem+json body says in one line; null where the answer is of another kind (a proxy's page, an empty body). */
@@ -56,8 +70,8 @@ function sentence(words: string): string {
 }
 
 /** Why no answer came, where it was expected, and what to do. */
-function unanswered({ what, method, path, timeoutMs = TIMEOUT_MS }: Call, late: boolean): ApiError {
-  const where = `${method} ${PREFIX}${path} at ${location.host}`;
+function unanswered({ what, method, path, timeoutMs }: Call, late: boolean): ApiError {
+  const where = `${method} ${path} at ${location.host}`;
   if (late) {
     // Whether a command was carried out is not known then.
     const check = method === "GET" ? "Try again" : "Look whether it has happened before you try again";
@@ -66,67 +80,73 @@ function unanswered({ what, method, path, timeoutMs = TIMEOUT_MS }: Call, late: 
   return new ApiError(0, `${what} failed: ${where} cannot be reached. Check that the server runs; the page reconnects by itself.`);
 }
 
-async function request<T>(call: Call): Promise<T> {
+/** The address of an operation: its path in the schema with the braces filled in, and the query. */
+function address(template: string, path: Record<string, string>, query: Record<string, string | number>): string {
+  const filled = template.replace(/\{(\w+)\}/g, (_, name: string) => encodeURIComponent(path[name] ?? ""));
+  const asked = Object.entries(query).map(([key, value]) => `${key}=${encodeURIComponent(value)}`);
+  return asked.length === 0 ? filled : `${filled}?${asked.join("&")}`;
+}
+
+async function request<P extends keyof paths, M extends Method & keyof paths[P]>(
+  what: string,
+  method: M,
+  template: P,
+  { body, path = {}, query = {}, timeoutMs = TIMEOUT_MS, keepalive = false }: Options<Body<paths[P][M]>> = {},
+): Promise<Answer<paths[P][M]>> {
+  const call: Call = { what, method: method.toUpperCase(), path: address(template, path, query), timeoutMs };
   const headers: Record<string, string> = {};
-  const signal = AbortSignal.timeout(call.timeoutMs ?? TIMEOUT_MS);
-  const options: RequestInit = { method: call.method, headers, keepalive: call.keepalive ?? false, credentials: "same-origin", signal };
+  const signal = AbortSignal.timeout(timeoutMs);
+  const options: RequestInit = { method: call.method, headers, keepalive, credentials: "same-origin", signal };
   if (leaseKey !== null) headers["Control-Lease"] = leaseKey;
-  if (call.body !== undefined) {
-    options.body = JSON.stringify(call.body);
+  if (body !== undefined) {
+    options.body = JSON.stringify(body);
     headers["Content-Type"] = "application/json";
   }
   let response: Response;
   let text: string;
   try {
-    response = await fetch(PREFIX + call.path, options);
+    response = await fetch(call.path, options);
     // The time may also run out between the answer's head and its body.
     text = await response.text();
   } catch {
     throw unanswered(call, signal.aborted);
   }
-  if (!response.ok) throw new ApiError(response.status, sentence(`${call.what} failed: ${problemDetail(text) ?? statusWords(response)}`));
+  if (!response.ok) throw new ApiError(response.status, sentence(`${what} failed: ${problemDetail(text) ?? statusWords(response)}`));
   try {
-    return (text === "" ? undefined : JSON.parse(text)) as T;
+    return (text === "" ? undefined : JSON.parse(text)) as Answer<paths[P][M]>;
   } catch {
-    const where = `${call.method} ${PREFIX}${call.path} at ${location.host}`;
-    throw new ApiError(response.status, `${call.what} failed: the answer to ${where} is not JSON. Check what stands between this page and the server.`);
+    const where = `${call.method} ${call.path} at ${location.host}`;
+    throw new ApiError(response.status, `${what} failed: the answer to ${where} is not JSON. Check what stands between this page and the server.`);
   }
 }
 
-const get = <T>(what: string, path: string, timeoutMs = TIMEOUT_MS) => request<T>({ what, method: "GET", path, timeoutMs });
-const post = <T>(what: string, path: string, body?: unknown, timeoutMs = TIMEOUT_MS) =>
-  request<T>({ what, method: "POST", path, body, timeoutMs });
-const put = <T>(what: string, path: string, body: unknown) => request<T>({ what, method: "PUT", path, body });
-
 export const api = {
-  state: (timeoutMs?: number) => get<RobotState>("Reading the robot's state", "/state", timeoutMs),
-  session: () => get<{ role: Role }>("Reading what you may do", "/session"),
+  state: (timeoutMs: number) => request("Reading the robot's state", "get", "/api/v1/state", { timeoutMs }),
+  session: () => request("Reading what you may do", "get", "/api/v1/session"),
   takeControl: (name: string, take_over: boolean) =>
-    post<Lease>(take_over ? "Taking over control" : "Taking control", "/control/lease", { name, take_over }),
-  releaseControl: () =>
-    request<unknown>({ what: "Giving control back", method: "DELETE", path: "/control/lease", keepalive: true }),
-  signIn: (token: string) => post<unknown>("Signing in", "/session", { token }),
-  gait: () => get<GaitAnswer>("Reading the gaits", "/gait"),
-  setGait: (gait: GaitRequest) => put<unknown>("Setting the gait", "/gait", gait),
-  clearance: (turning: number) => get<ClearanceAnswer>("Reading how far the ground is free", `/map/clearance?turning=${turning}`),
-  head: () => get<HeadAnswer>("Reading the head controllers", "/head"),
-  setHead: (head: HeadRequest) => put<unknown>("Setting the head control", "/head", head),
-  start: () => post<unknown>("Starting the robot", "/gait/start"),
-  backUp: () => post<unknown>("Backing up", "/gait/back-up"),
-  stop: () => post<unknown>("Stopping the robot", "/gait/stop"),
+    request(take_over ? "Taking over control" : "Taking control", "post", "/api/v1/control/lease", { body: { name, take_over } }),
+  releaseControl: () => request("Giving control back", "delete", "/api/v1/control/lease", { keepalive: true }),
+  signIn: (token: string) => request("Signing in", "post", "/api/v1/session", { body: { token } }),
+  gait: () => request("Reading the gaits", "get", "/api/v1/gait"),
+  setGait: (body: GaitRequest) => request("Setting the gait", "put", "/api/v1/gait", { body }),
+  clearance: (turning: number) => request("Reading how far the ground is free", "get", "/api/v1/map/clearance", { query: { turning } }),
+  head: () => request("Reading the head controllers", "get", "/api/v1/head"),
+  setHead: (body: HeadRequest) => request("Setting the head control", "put", "/api/v1/head", { body }),
+  start: () => request("Starting the robot", "post", "/api/v1/gait/start"),
+  backUp: () => request("Backing up", "post", "/api/v1/gait/back-up"),
+  stop: () => request("Stopping the robot", "post", "/api/v1/gait/stop"),
   // Short: a stop that does not get through must be tried again soon.
-  estop: (reason: string) => post<{ confirmed?: boolean }>("The emergency stop", "/estop", { reason }, 1500),
-  resetEstop: () => post<unknown>("Resetting the emergency stop", "/estop/reset"),
-  recordings: () => get<Recording[]>("Reading the list of recordings", "/recordings"),
+  estop: (reason: string) => request("The emergency stop", "post", "/api/v1/estop", { body: { reason }, timeoutMs: 1500 }),
+  resetEstop: () => request("Resetting the emergency stop", "post", "/api/v1/estop/reset"),
+  recordings: () => request("Reading the list of recordings", "get", "/api/v1/recordings"),
   // Without a mode the server takes the one that the recording's sensors allow.
-  play: (id: string, mode: string | null) =>
-    post<unknown>("Playing the recording", `/recordings/${encodeURIComponent(id)}/play`, mode === null ? {} : { mode }, LONG_MS),
-  playback: (change: PlaybackRequest) => put<Playback>("Changing the playback", "/playback", change),
-  startSim: (overrides: Overrides) => post<unknown>("Starting the simulator", "/sim/start", { overrides }, LONG_MS),
-  runs: () => get<Run[]>("Reading the list of runs", "/runs"),
-  submitRun: (run: RunRequest) => post<Run>("Submitting the run", "/runs", run),
-  cancelRun: (id: string) =>
-    request<unknown>({ what: "Cancelling the run", method: "DELETE", path: `/runs/${encodeURIComponent(id)}` }),
-  artifactUrl: (id: string, name: string) =>
-    `${PREFIX}/runs/${encodeURIComponent(id)}/artifacts/${encodeURIComponent(name)}`,
+  play: (recording_id: string, mode: Mode | null) =>
+    request("Playing the recording", "post", "/api/v1/recordings/{recording_id}/play", { path: { recording_id }, body: { mode }, timeoutMs: LONG_MS }),
+  playback: (body: PlaybackRequest) => request("Changing the playback", "put", "/api/v1/playback", { body }),
+  startSim: (overrides: Overrides) =>
+    request("Starting the simulator", "post", "/api/v1/sim/start", { body: { overrides }, timeoutMs: LONG_MS }),
+  runs: () => request("Reading the list of runs", "get", "/api/v1/runs"),
+  submitRun: (body: RunRequest) => request("Submitting the run", "post", "/api/v1/runs", { body }),
+  cancelRun: (run_id: string) => request("Cancelling the run", "delete", "/api/v1/runs/{run_id}", { path: { run_id } }),
+  artifactUrl: (run_id: string, name: string) => address("/api/v1/runs/{run_id}/artifacts/{name}" satisfies keyof paths, { run_id, name }, {}),
 };

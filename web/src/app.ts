@@ -5,7 +5,7 @@ import { errorLine } from "./failure";
 import { LeaseKeeper } from "./lease";
 import { Redraw } from "./redraw";
 import { Cell, Channel } from "./store";
-import type { GaitEntry, RobotState, Role, Run, ShownPicture, Tick, TimelineEvent } from "./types";
+import type { GaitEntry, RobotState, Role, Run, ShownImage, Tick, TimelineEvent } from "./types";
 
 const RETRY_MS = 1000;
 const LAST_RETRY_MS = 15_000;
@@ -38,7 +38,7 @@ export class App {
   /** Why the list of runs could not be read; null when it could. */
   readonly runsProblem = new Cell<string | null>(null);
   readonly tick = new Channel<Tick>();
-  readonly picture = new Channel<ShownPicture>();
+  readonly picture = new Channel<ShownImage>();
   readonly timeline = new Channel<TimelineEvent>();
   readonly notice = new Channel<Notice | null>();
   readonly theme = new Channel<void>();

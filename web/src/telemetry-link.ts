@@ -1,9 +1,10 @@
 // What the page and its telemetry worker say to each other, and the form of a camera frame.
 
 import type { Colours } from "./painter";
-import type { Frame, RobotState, ShownPicture, Tick, TimelineEvent } from "./types";
+import type { Frame, ShownImage, TelemetryMessage } from "./types";
 
-export type Message = ({ type: "state" } & RobotState) | ({ type: "tick" } & Tick) | ({ type: "event" } & TimelineEvent);
+/** What the worker hands on to the page. */
+export type Message = Extract<TelemetryMessage, { type: "state" | "tick" | "event" }>;
 
 export type ToWorker =
   | { kind: "connect"; url: string }
@@ -17,7 +18,7 @@ export type FromWorker =
   | { kind: "closed"; reason: string }
   | { kind: "message"; message: Message }
   | { kind: "round-trip"; ms: number | null }
-  | { kind: "picture"; picture: ShownPicture };
+  | { kind: "picture"; picture: ShownImage };
 
 const FRAME_KIND = 1;
 

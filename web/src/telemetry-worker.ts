@@ -2,8 +2,8 @@
 // the 3D view, the page is busy for a fifth of a second at a time, and the operator's picture does not wait for that.
 
 import { Painter } from "./painter";
-import { parseFrame, type FromWorker, type Message, type ToWorker } from "./telemetry-link";
-import type { Features } from "./types";
+import { parseFrame, type FromWorker, type ToWorker } from "./telemetry-link";
+import type { TelemetryMessage } from "./types";
 
 const PING_EVERY_MS = 1000;
 
@@ -38,7 +38,7 @@ function receive(data: string | ArrayBuffer): void {
     if (frame) painter?.show(frame);
     return;
   }
-  const message = JSON.parse(data) as Message | ({ type: "features" } & Features) | { type: "pong"; t_ms: number };
+  const message = JSON.parse(data) as TelemetryMessage;
   if (message.type === "pong") page.postMessage({ kind: "round-trip", ms: performance.now() - message.t_ms });
   else if (message.type === "features") painter?.follow(message);
   else page.postMessage({ kind: "message", message });

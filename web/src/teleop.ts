@@ -2,6 +2,7 @@
 
 import type { App } from "./app";
 import { Cell } from "./store";
+import type { TeleopAnswer, TeleopInput } from "./types";
 
 const SEND_EVERY_MS = 66;
 /** A drive that was silent for so long is over: the robot node holds the robot then. */
@@ -16,12 +17,6 @@ export interface Wish {
   drive: number;
   turn: number;
 }
-
-type Answer =
-  | { type: "ready" }
-  | { type: "pong"; t_ms: number }
-  | { type: "done"; seq: number; t_ms: number }
-  | { type: "refused"; seq: number; t_ms: number; detail: string };
 
 export class Teleop {
   /** Whether drive input can be sent now. */
@@ -70,15 +65,15 @@ export class Teleop {
     if (!socket || !this.ready.get()) return;
     // Old input that waits to be sent is worth nothing; a zero always goes.
     if (this.wish.drive !== 0 && socket.bufferedAmount > MOST_WAITING_BYTES) return;
-    this.say({ type: "drive", seq: ++this.seq, ...this.wish });
+    this.say({ type: "drive", seq: ++this.seq, t_ms: performance.now(), ...this.wish });
   }
 
   private ping(): void {
-    if (this.socket?.readyState === WebSocket.OPEN) this.say({ type: "ping" });
+    if (this.socket?.readyState === WebSocket.OPEN) this.say({ type: "ping", t_ms: performance.now() });
   }
 
-  private say(message: object): void {
-    this.socket?.send(JSON.stringify({ ...message, t_ms: performance.now() }));
+  private say(message: TeleopInput): void {
+    this.socket?.send(JSON.stringify(message));
   }
 
   private open(key: string): void {
@@ -87,17 +82,17 @@ export class Teleop {
     const socket = new WebSocket(`${scheme}://${location.host}/api/v1/teleop`);
     this.socket = socket;
     socket.onopen = () => {
-      socket.send(JSON.stringify({ type: "hello", lease: key }));
+      this.say({ type: "hello", lease: key });
       // Several, so that the quickest of them tells the clocks' difference.
       for (const delay of [0, FIRST_PINGS_MS, 2 * FIRST_PINGS_MS]) window.setTimeout(() => this.ping(), delay);
     };
-    socket.onmessage = (event: MessageEvent<string>) => this.hear(JSON.parse(event.data) as Answer);
+    socket.onmessage = (event: MessageEvent<string>) => this.hear(JSON.parse(event.data) as TeleopAnswer);
     socket.onclose = (event) => {
       if (this.socket === socket) this.dropped(event, key);
     };
   }
 
-  private hear(answer: Answer): void {
+  private hear(answer: TeleopAnswer): void {
     if (answer.type === "pong") this.ready.set(true);
     else if (answer.type === "done") this.app.commandMs.set(performance.now() - answer.t_ms);
     else if (answer.type === "refused") this.onRefused(`The drive was refused: ${answer.detail}.`);

@@ -4,7 +4,7 @@ import type { App } from "../app";
 import { byId, cssColour, h, setText } from "../dom";
 import { age, fixed } from "../format";
 import type { Telemetry } from "../telemetry";
-import type { Playback, ShownPicture } from "../types";
+import type { Playback, ShownImage } from "../types";
 
 const FROZEN_AFTER_MS = 1000;
 
@@ -84,7 +84,7 @@ function legend(): HTMLElement {
 /** Despun: the whole picture turned against the head's roll, small enough to stay inside at any angle. */
 class Turned {
   private level = false;
-  private last: ShownPicture | null = null;
+  private last: ShownImage | null = null;
 
   constructor(
     private readonly picture: HTMLCanvasElement,
@@ -97,7 +97,7 @@ class Turned {
     return this.level;
   }
 
-  turn(shown: ShownPicture): void {
+  turn(shown: ShownImage): void {
     const roll_deg = shown.roll_deg ?? this.last?.roll_deg ?? 0;
     this.last = { ...shown, roll_deg };
     const scale = shown.height / Math.hypot(shown.width, shown.height);

@@ -2,8 +2,8 @@
 
 import { h } from "../dom";
 
-export interface Option {
-  name: string;
+export interface Option<Name extends string> {
+  name: Name;
   title: string;
   /** Why it cannot be chosen now; null when it can. */
   reason: string | null;
@@ -11,10 +11,10 @@ export interface Option {
 
 const STEPS: Record<string, number> = { ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1 };
 
-export class Choice {
+export class Choice<Name extends string> {
   readonly root: HTMLElement;
   /** Called with the option that has the focus, null when none has. */
-  onLook: (name: string | null) => void = () => undefined;
+  onLook: (name: Name | null) => void = () => undefined;
   private buttons: HTMLButtonElement[] = [];
   private current: string | null = null;
   private ready = false;
@@ -22,7 +22,7 @@ export class Choice {
   constructor(
     private readonly id: string,
     label: string,
-    private readonly onChoose: (name: string) => void,
+    private readonly onChoose: (name: Name) => void,
   ) {
     this.root = h("div", { class: "choice", id, role: "radiogroup", "aria-label": label });
     this.root.addEventListener("keydown", (event) => this.step(event));
@@ -30,7 +30,7 @@ export class Choice {
   }
 
   /** Show these options; the focus stays where it is. */
-  set(options: Option[]): void {
+  set(options: Option<Name>[]): void {
     if (options.map(({ name }) => name).join() !== this.buttons.map(({ value }) => value).join()) {
       this.buttons = options.map((option) => this.makeButton(option));
       this.root.replaceChildren(...this.buttons);
@@ -56,7 +56,7 @@ export class Choice {
     }
   }
 
-  private makeButton({ name, title }: Option): HTMLButtonElement {
+  private makeButton({ name, title }: Option<Name>): HTMLButtonElement {
     const button = h(
       "button",
       { class: "choice-option", type: "button", role: "radio", id: `${this.id}-${name}`, value: name },

@@ -100,16 +100,15 @@ class TurnSender {
     while (this.waiting !== null) {
       const turn = this.waiting;
       this.waiting = null;
-      await this.app.command(() => api.setGait(this.request(turn)));
+      await this.app.command(async () => this.steer(turn));
       await new Promise((resolve) => setTimeout(resolve, SEND_EVERY_MS));
     }
     this.busy = false;
   }
 
-  private request(turn: number) {
+  private async steer(turn: number): Promise<void> {
     const state = this.app.state.get();
-    const name = state?.gait.name ?? "serpentine";
-    const entry = this.app.catalogue.get().find((gait) => gait.name === name);
-    return { name, ...(entry ? inForce(entry, state) : {}), turn };
+    const entry = this.app.catalogue.get().find(({ name }) => name === state?.gait.name);
+    if (entry) await api.setGait({ name: entry.name, ...inForce(entry, state), turn });
   }
 }

@@ -24,7 +24,7 @@ class HeadControlPanel {
   /** What the last answer was for: which controllers there are depends on it. */
   private answeredFor = "";
   private looked: string | null = null;
-  private readonly choice = new Choice("head-controller", "Head controller", (controller) => this.send({ controller }));
+  private readonly choice = new Choice<HeadEntry["name"]>("head-controller", "Head controller", (controller) => this.send({ controller }));
   private readonly about = h("p", { class: "hint", id: "head-about", "aria-live": "polite" });
   private readonly missing = h("p", { class: "hint", id: "head-missing" });
   private readonly neck = new NumberForm(

@@ -5,8 +5,8 @@ import type { App } from "../app";
 import { byId, h, setText } from "../dom";
 import { errorLine } from "../failure";
 import { fixed, scaled } from "../format";
-import type { Overrides, Run } from "../types";
-import { labelled, origin, select } from "./source";
+import type { Run, RunOverrides } from "../types";
+import { labelled, origin } from "./source";
 
 const POLL_MS = 1000;
 const IDLE_POLLS = 10;
@@ -61,7 +61,7 @@ function table(body: HTMLElement): HTMLElement {
 }
 
 function runForm(app: App): HTMLElement {
-  const gaits = select("run-gait", {}, "As configured");
+  const gaits = h("select", { id: "run-gait" }, h("option", { value: "" }, "As configured"));
   const duration = h("input", { type: "number", id: "run-duration", min: 0.5, max: 3600, step: 0.5, value: 20 });
   const seed = h("input", { type: "number", id: "run-seed", min: 0, step: 1, value: 1 });
   const more = h("input", { type: "text", id: "run-overrides", placeholder: "sim.world=office", spellcheck: "false" });
@@ -81,7 +81,8 @@ function runForm(app: App): HTMLElement {
   form.addEventListener("submit", (event) => {
     event.preventDefault();
     const overrides = parseOverrides(more.value);
-    if (gaits.value) overrides["gait.name"] = gaits.value;
+    const gait = app.catalogue.get().find(({ name }) => name === gaits.value);
+    if (gait) overrides["gait.name"] = gait.name;
     const request = { config: "sim", overrides, seed: seed.valueAsNumber, duration_s: duration.valueAsNumber };
     void app.attempt(() => api.submitRun(request)).then(() => refreshRuns(app));
   });
@@ -89,15 +90,16 @@ function runForm(app: App): HTMLElement {
 }
 
 /** "a.b=1, c.d=x" as an object; numbers and booleans become such. */
-export function parseOverrides(text: string): Overrides {
-  const overrides: Overrides = {};
+export function parseOverrides(text: string): RunOverrides {
+  const overrides: Record<string, string | number | boolean> = {};
   for (const part of text.split(/[,\s]+/).filter((piece) => piece !== "")) {
     const [key = "", ...rest] = part.split("=");
     const value = rest.join("=");
     const number = Number(value);
     overrides[key] = value === "true" ? true : value === "false" ? false : value !== "" && Number.isFinite(number) ? number : value;
   }
-  return overrides;
+  // Free text: the server says which key or value is wrong.
+  return overrides as RunOverrides;
 }
 
 /** Gait, world, seed and length of a run, its configuration, and when it was asked for in this browser's time. */

@@ -5,25 +5,32 @@ import type { App } from "../app";
 import { byId, h, icon, setText } from "../dom";
 import { errorLine } from "../failure";
 import { fixed } from "../format";
-import type { Overrides, Recording, RobotState } from "../types";
+import type { Mode, Overrides, Recording, RobotState } from "../types";
 import { openDialog, prepareDialog } from "./dialog";
 
-type Choices = Record<string, string>;
+/** Every value that the server allows, with its label. */
+type Choices<Value extends string> = Record<Value, string>;
+type Setting<Key extends keyof Overrides> = NonNullable<Overrides[Key]>;
 
-const WORLDS: Choices = { corridor: "Corridor", office: "Office", rubble: "Rubble", blank: "Blank (little texture)" };
-const ROBOTS: Choices = { sim35: "35 joints (sim35)", orthogonal24: "24 joints (orthogonal24)" };
-const MODES: Choices = {
+const WORLDS: Choices<Setting<"sim.world">> = { corridor: "Corridor", office: "Office", rubble: "Rubble", blank: "Blank (little texture)" };
+const ROBOTS: Choices<Setting<"robot.model">> = { sim35: "35 joints (sim35)", orthogonal24: "24 joints (orthogonal24)" };
+const MODES: Choices<Mode> = {
   fused: "Visual-inertial + gait",
   vio: "Visual-inertial",
   planar: "Planar (the paper's)",
   visual: "Visual (camera only)",
   gait: "Gait only",
 };
-const KINDS: Choices = { euroc: "EuRoC", tum: "TUM RGB-D", tum_rgbd: "TUM RGB-D" };
+const KINDS: Record<string, string> = { euroc: "EuRoC", tum: "TUM RGB-D", tum_rgbd: "TUM RGB-D" };
 
-export function select(id: string, choices: Choices, first: string | null = null): HTMLSelectElement {
-  const options = Object.entries(choices).map(([value, text]) => h("option", { value }, text));
-  return h("select", { id }, ...(first === null ? [] : [h("option", { value: "" }, first)]), ...options);
+interface Select<Value extends string> extends HTMLSelectElement {
+  value: Value | "";
+}
+
+/** A list of `choices` after `first`, which stands for none of them. */
+export function select<Value extends string>(id: string, choices: Choices<Value>, first: string): Select<Value> {
+  const options = Object.entries<string>(choices).map(([value, text]) => h("option", { value }, text));
+  return h("select", { id }, h("option", { value: "" }, first), ...options) as Select<Value>;
 }
 
 export function labelled(text: string, control: HTMLElement): HTMLElement {

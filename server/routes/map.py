@@ -4,6 +4,7 @@ from typing import Annotated, Literal
 
 import numpy as np
 from fastapi import APIRouter, Query
+from pydantic import Field
 from starlette.responses import Response
 
 from server.body import heading_rad
@@ -35,11 +36,14 @@ class ClearanceAnswer(Answer):
     """Why it can go no further."""
 
 
+Row = Annotated[list[float], Field(min_length=4, max_length=4)]
+
+
 class TrajectoryAnswer(Answer):
     """Positions of the IMU in the estimate's world as rows of t_s, x, y, z; the truth is brought to the first pose."""
 
-    estimate: list[tuple[float, float, float, float]]
-    truth: list[tuple[float, float, float, float]]
+    estimate: list[Row]
+    truth: list[Row]
 
 
 @router.get("/map")

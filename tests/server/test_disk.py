@@ -67,12 +67,12 @@ def test_runs_on_disk_are_shown_after_a_restart(tmp_path: Path) -> None:
     asyncio.run(go())
     again = ShortRuns(tmp_path / "runs")
     done, failed = again.all()
-    assert (done["state"], done["artifacts"], done["metrics"]) == ("done", ["estimate.tum"], {"frames": 1})
-    named = [done[key] for key in ("name", "config", "gait", "world", "seed")]
+    assert (done.state, done.artifacts, done.metrics) == ("done", ["estimate.tum"], {"frames": 1})
+    named = [done.name, done.config, done.gait, done.world, done.seed]
     assert named == ["pedal-s1", "sim", "pedal", "corridor", 1]
-    assert re.fullmatch(r"20\d\d-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{6}Z", done["when"])
-    assert (failed["state"], failed["error"]) == ("failed", "the seed is unlucky")
-    path = again.artifact(done["id"], "estimate.tum")
+    assert re.fullmatch(r"20\d\d-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{6}Z", done.when or "")
+    assert (failed.state, failed.error) == ("failed", "the seed is unlucky")
+    path = again.artifact(done.id, "estimate.tum")
     assert path is not None
     assert path.read_text() == "1"
 

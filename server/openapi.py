@@ -29,6 +29,7 @@ ALWAYS = (HTTPStatus.UNAUTHORIZED, HTTPStatus.MISDIRECTED_REQUEST, HTTPStatus.TO
 WRITING = (HTTPStatus.FORBIDDEN, HTTPStatus.CONFLICT, HTTPStatus.REQUEST_ENTITY_TOO_LARGE)
 WITH_BODY = (HTTPStatus.BAD_REQUEST, HTTPStatus.UNSUPPORTED_MEDIA_TYPE, HTTPStatus.UNPROCESSABLE_ENTITY)
 WITH_PARAMETER = (HTTPStatus.NOT_FOUND,)
+WITH_QUERY = (HTTPStatus.UNPROCESSABLE_ENTITY,)
 BINARY = {"type": "string", "format": "binary"}
 TEXT = {"type": "string"}
 FILES: dict[str, dict[str, Any]] = {
@@ -175,6 +176,8 @@ def _refusals(path: str, method: str, operation: dict[str, Any]) -> list[int]:
     found += WRITING if method in WRITES else ()
     found += WITH_BODY if "requestBody" in operation else ()
     found += WITH_PARAMETER if "{" in path else ()
+    asks = any(parameter["in"] == "query" for parameter in operation.get("parameters", []))
+    found += WITH_QUERY if asks and "requestBody" not in operation else ()
     return sorted(found)
 
 

@@ -1,9 +1,11 @@
 """The gait: which, how, and whether it moves."""
 
+from functools import lru_cache
 from http import HTTPStatus
 from typing import Annotated
 
-from fastapi import APIRouter
+import numpy as np
+from fastapi import APIRouter, Query
 from pydantic import ConfigDict, Field
 
 from server.deps import Rooms, Who
@@ -11,9 +13,11 @@ from server.live import Live
 from server.models import Answer, GaitState, ParameterKey, State
 from server.problem import Problem
 from server.state import gait_state
+from snakeslam.errors import InputError
 from snakeslam.gaits.catalogue import GAITS, GaitName, GaitSettings, resolve
 from snakeslam.gaits.command import commanded_gait
-from snakeslam.gaits.gait import Gait
+from snakeslam.gaits.drawing import draw
+from snakeslam.gaits.gait import Gait, ResolvedGait
 from snakeslam.messages import GaitCommand
 from snakeslam.robot.model import SnakeModel, snake_model
 from snakeslam.runtime.bus.commands import SetGait, Stop
@@ -60,11 +64,43 @@ class GaitAnswer(Answer):
     catalogue: list[GaitEntry]
 
 
+class GaitDrawing(Answer):
+    """The body over one period of a gait, seen in its own level frame: x ahead, y to its left, z up from the ground."""
+
+    points: list[list[float]]
+    """For each of equal steps of the period: x, y, z in turn, tail to head, in joint lengths."""
+    backs: list[list[float]]
+    """For each step, how far each link's back faces up: 1, or down: -1."""
+
+
+class GaitPreview(Answer):
+    """What a gait with these parameters looks like, without commanding it."""
+
+    reason: str | None
+    """Why the robot cannot do it; null when it can."""
+    drawing: GaitDrawing | None
+    """Null when the robot cannot do it."""
+    remark: str | None
+    """What helps to choose the parameters."""
+
+
 @router.get("/gait")
 async def get_gait(house: Rooms) -> GaitAnswer:
     """The gait as it is, and all there are."""
     entries = [_entry(gait, _model(house.live)) for gait in GAITS.values()]
     return GaitAnswer(current=gait_state(house.live.gait()), catalogue=entries)
+
+
+@router.get("/gait/preview")
+async def get_preview(house: Rooms, settings: Annotated[GaitSettings, Query()]) -> GaitPreview:
+    """What a gait with these parameters looks like on this robot; a parameter that is left out takes its default."""
+    model = _model(house.live)
+    try:
+        gait = resolve(settings, model)
+    except InputError as error:
+        return GaitPreview(reason=str(error), drawing=None, remark=None)
+    drawing = await house.bulk.make(lambda: _drawing(gait, model))
+    return GaitPreview(reason=None, drawing=drawing, remark=gait.remark)
 
 
 @router.put("/gait")
@@ -113,6 +149,14 @@ async def stop(house: Rooms) -> State:
 
 def _model(live: Live) -> SnakeModel:
     return snake_model(live.view.config.robot)
+
+
+@lru_cache(maxsize=64)
+def _drawing(gait: ResolvedGait, model: SnakeModel) -> GaitDrawing:
+    """Return a gait's drawing; the same few are asked for by every page."""
+    drawn = draw(gait, model)
+    points = np.round(drawn.points, 3).reshape(len(drawn.points), -1)
+    return GaitDrawing(points=points.tolist(), backs=np.round(drawn.backs, 2).tolist())
 
 
 def _command(settings: GaitSettings, turn: float) -> GaitCommand:

@@ -17,8 +17,8 @@ from snakeslam.robot.model import SnakeModel
 
 SAMPLES = 32
 """Shapes per period: enough for a drawing of a few centimetres that is interpolated between them."""
-ITERATIONS = 24
-"""Of the power iteration; where two directions spread alike it stays near the sample before, which is wanted."""
+SQUARINGS = 5
+"""32 steps of the power iteration. Where two directions spread alike it stays near the sample before, as it should."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,13 +66,15 @@ def _level_axes(chain: Float, side: Float) -> tuple[Float, Float]:
 
 def _widest(points: Float, guess: Float) -> Float:
     """Return the direction in which centred points (M, 3) spread most, (3,), by power iteration from ``guess``."""
-    axis = guess
-    for _ in range(ITERATIONS):
-        spread = (points @ axis) @ points
-        if np.linalg.norm(spread) < 1e-9:
-            return axis
-        axis = _unit(spread)
-    return axis
+    power = points.T @ points
+    # Squared instead of iterated: the covariance to the power of 2^SQUARINGS, scaled against overflow.
+    for _ in range(SQUARINGS):
+        largest = np.abs(power).max()
+        if largest < 1e-9:
+            return guess
+        power = (power / largest) @ (power / largest)
+    axis = power @ guess
+    return _unit(axis) if np.linalg.norm(axis) > 1e-9 else guess
 
 
 def _unit(v: Float) -> Float:

@@ -32,6 +32,31 @@ def test_start_and_stop(client: httpx.Client) -> None:
     assert client.post("/api/v1/gait/stop").json()["moving"] is False
 
 
+@pytest.mark.parametrize("name", list(GAITS))
+def test_the_server_gives_the_drawing_of_a_gait(client: httpx.Client, name: str) -> None:
+    found = client.get("/api/v1/gait/preview", params={"name": name, "period_s": 5.0}).json()
+    assert found["reason"] is None
+    joints = client.get("/api/v1/state").json()["robot"]["joints"]
+    points, backs = found["drawing"]["points"], found["drawing"]["backs"]
+    assert len(points) == len(backs) > 10
+    assert {len(row) for row in points} == {3 * (joints + 2)}
+    assert {len(row) for row in backs} == {joints + 1}
+
+
+def test_a_preview_says_what_the_robot_cannot_do_and_commands_nothing(client: httpx.Client) -> None:
+    before = client.get("/api/v1/state").json()["gait"]
+    fast = client.get("/api/v1/gait/preview", params={"name": "serpentine", "alpha_pi": 0.7, "period_s": 0.5})
+    assert fast.status_code == 200
+    assert fast.json()["drawing"] is None
+    assert "too fast" in fast.json()["reason"]
+    good = client.get("/api/v1/gait/preview", params={"name": "serpentine", "alpha_pi": 0.3}).json()
+    assert "% of the wave" in good["remark"]
+    for params in ({"name": "flying"}, {"alpha_pi": 9}, {"alpha": 1}):
+        refused = client.get("/api/v1/gait/preview", params=params)
+        assert (refused.status_code, refused.headers["content-type"]) == (422, "application/problem+json")
+    assert client.get("/api/v1/state").json()["gait"] == before
+
+
 def test_the_catalogue_has_all_gaits_with_ranges(client: httpx.Client) -> None:
     catalogue = client.get("/api/v1/gait").json()["catalogue"]
     assert [g["name"] for g in catalogue] == list(GAITS)

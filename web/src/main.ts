@@ -1,9 +1,13 @@
 // The operator's page: each panel on its own, joined by the App's cells and channels.
 
-import { App } from "./app";
-import { byId } from "./dom";
-import { watchFailures } from "./failure";
-import { Hands } from "./hands";
+// The panels' own styles come between those of the whole page and those that fit everything to a screen.
+import "./styles/tokens.css";
+import "./styles/base.css";
+import "./styles/layout.css";
+import { App } from "./app/app";
+import { byId } from "./basics/dom";
+import { watchFailures } from "./link/failure";
+import { DeadmanInput } from "./app/deadman-input";
 import { mountBlindBanner, mountLinkBanner, mountNotices, mountStatusLine, mountTakenBanner } from "./panels/banner";
 import { mountCamera } from "./panels/camera";
 import { mountDrive } from "./panels/drive";
@@ -24,14 +28,10 @@ import { mountSource } from "./panels/source";
 import { mountTabs } from "./panels/tabs";
 import { mountTopbar } from "./panels/topbar";
 import { mountViewer } from "./panels/viewer";
-import { Telemetry } from "./telemetry";
-import { Teleop } from "./teleop";
-import { startTheme } from "./theme";
-import "./styles/tokens.css";
-import "./styles/base.css";
-import "./styles/layout.css";
-import "./styles/panels.css";
-import "./styles/player.css";
+import { Telemetry } from "./app/telemetry";
+import { Teleop } from "./app/teleop";
+import { startTheme } from "./basics/theme";
+import "./styles/link-down.css";
 import "./styles/screens.css";
 
 /** Nothing that the server tells is read only once: it may restart with another configuration, or the sign-in change. */
@@ -53,7 +53,7 @@ function keepFresh(app: App): void {
 
 function start(): void {
   const app = new App();
-  watchFailures(app);
+  watchFailures((error) => app.report(error));
   const telemetry = new Telemetry(app);
   startTheme(() => app.theme.emit());
 
@@ -68,19 +68,19 @@ function start(): void {
   mountSource(app);
   mountGaits(app);
   mountParameters(app);
-  const hands = new Hands(app, (reason) => estop.press(reason));
+  const deadman = new DeadmanInput(app, (reason) => estop.press(reason));
   const refused = (detail: string) => {
-    hands.releaseAll(null);
+    deadman.releaseAll(null);
     app.notice.emit({ level: "error", text: detail });
   };
-  const teleop = new Teleop(app, refused, () => hands.releaseAll("this page stood still for a moment"));
+  const teleop = new Teleop(app, refused, () => deadman.releaseAll("this page stood still for a moment"));
   const arrowsFor = (element: Element) => element === document.body || element.closest("#pad") !== null;
-  hands.listen(window, arrowsFor);
-  mountDrive(app, hands, teleop);
+  deadman.listen(window, arrowsFor);
+  mountDrive(app, deadman, teleop);
   mountViewer(app, (frame) => {
     listenForStopKeys(frame, estop);
     // The arrows move the view there.
-    hands.listen(frame, () => false);
+    deadman.listen(frame, () => false);
   });
   mountPatrol(app);
   mountPlayer(app);

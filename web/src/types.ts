@@ -7,6 +7,7 @@ type Models = components["schemas"];
 
 export type GaitEntry = Models["GaitEntry"];
 export type GaitParameter = Models["GaitParameter"];
+export type GaitSamples = Models["GaitDrawing"];
 export type ParameterKey = GaitParameter["key"];
 export type ParameterValues = Partial<Record<ParameterKey, number | null>>;
 export type GaitRequest = Models["GaitRequest"];
@@ -31,6 +32,8 @@ export type TeleopAnswer = Models["TeleopAnswer"];
 export type Recording = Models["RecordingAnswer"];
 export type Run = Models["RunAnswer"];
 export type RunRequest = Models["RunRequest"];
+/** What a deadman input asks for: drive and turn in [-1, 1]. */
+export type Drive = Required<Pick<Models["DriveInput"], "drive" | "turn">>;
 export type Overrides = NonNullable<Models["SimRequest"]["overrides"]>;
 export type RunOverrides = NonNullable<RunRequest["overrides"]>;
 export type Mode = NonNullable<Models["PlayRequest"]["mode"]>;

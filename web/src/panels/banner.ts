@@ -1,11 +1,11 @@
 // The lines across the page: a lost link, and the answer to what the operator asked last.
 
-import { api } from "../api";
-import type { App, LinkPhase } from "../app";
-import { byId, h, icon, setText } from "../dom";
-import { age } from "../format";
-import type { Loss } from "../lease";
-import type { Cell } from "../store";
+import { api } from "../link/api";
+import type { App, LinkPhase } from "../app/app";
+import { byId, h, icon, setText } from "../basics/dom";
+import { age } from "../basics/format";
+import type { Loss } from "../app/lease";
+import type { Cell } from "../basics/store";
 
 const NOTICE_MS = 10_000;
 

@@ -1,9 +1,10 @@
 // The camera's picture with the tracked features on top; says so when the picture stands still.
 
-import type { App } from "../app";
-import { byId, cssColour, h, setText } from "../dom";
-import { age, fixed } from "../format";
-import type { Telemetry } from "../telemetry";
+import type { App } from "../app/app";
+import { byId, cssColour, h, setText } from "../basics/dom";
+import { age, fixed } from "../basics/format";
+import type { Telemetry } from "../app/telemetry";
+import "../styles/panels/camera.css";
 import type { Playback, ShownImage } from "../types";
 
 const FROZEN_AFTER_MS = 1000;
@@ -38,7 +39,7 @@ export function mountCamera(app: App, telemetry: Telemetry): void {
   mark();
   app.theme.on(mark);
   let shownMs: number | null = null;
-  app.picture.on((shown) => {
+  app.image.on((shown) => {
     shownMs = shown.shown_ms - performance.timeOrigin;
     picture.dataset["seq"] = String(shown.seq);
     turned.turn(shown);

@@ -1,6 +1,7 @@
 // One of a few: a radio group whose arrow keys only move the focus, since choosing acts on a moving robot.
 
-import { h } from "../dom";
+import { h } from "../basics/dom";
+import "../styles/panels/choice.css";
 
 export interface Option<Name extends string> {
   name: Name;

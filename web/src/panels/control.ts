@@ -1,8 +1,9 @@
 // Who has control, and the explicit act of taking it over.
 
-import type { App } from "../app";
-import { h, setText } from "../dom";
-import { LONGEST_NAME } from "../operator-name";
+import type { App } from "../app/app";
+import { h, setText } from "../basics/dom";
+import { LONGEST_NAME } from "../basics/operator-name";
+import "../styles/panels/control.css";
 
 /** The card with who has control, and the line with this operator's name. */
 export function makeControl(app: App): HTMLElement[] {

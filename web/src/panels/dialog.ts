@@ -1,6 +1,6 @@
 // Dialogs that leave the rest of the page alive: a modal one would take the emergency stop out of reach.
 
-import { h } from "../dom";
+import { h } from "../basics/dom";
 
 /** Fill a dialog with a heading and its content; it closes on its button, on a click beside it, or on Escape. */
 export function prepareDialog(dialog: HTMLDialogElement, title: string, ...content: HTMLElement[]): void {

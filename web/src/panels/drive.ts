@@ -1,18 +1,19 @@
 // Who has control, the pad to drive with, start, stop and turn.
 
-import { api } from "../api";
-import type { App } from "../app";
-import { byId, h, icon, setText } from "../dom";
-import { fixed } from "../format";
-import type { Hands } from "../hands";
-import type { Teleop } from "../teleop";
+import { api } from "../link/api";
+import type { App } from "../app/app";
+import { byId, h, icon, setText } from "../basics/dom";
+import { fixed } from "../basics/format";
+import type { DeadmanInput } from "../app/deadman-input";
+import type { Teleop } from "../app/teleop";
+import "../styles/panels/drive.css";
 import { makeControl } from "./control";
 import { inForce } from "./gaits";
 import { makePad } from "./pad";
 
 const SEND_EVERY_MS = 150;
 
-export function mountDrive(app: App, hands: Hands, teleop: Teleop): void {
+export function mountDrive(app: App, deadman: DeadmanInput, teleop: Teleop): void {
   const start = h("button", { class: "button start", type: "button", id: "start" }, icon("play"), "Start");
   const stop = h("button", { class: "button stop", type: "button", id: "stop" }, icon("square"), "Stop");
   const turn = h("input", { type: "range", id: "turn", min: -1, max: 1, step: 0.05, value: 0, class: "centred" });
@@ -21,7 +22,7 @@ export function mountDrive(app: App, hands: Hands, teleop: Teleop): void {
   const why = h("p", { class: "hint", id: "drive-note" });
   byId("drive").append(
     ...makeControl(app),
-    makePad(app, hands, teleop),
+    makePad(app, deadman, teleop),
     h("div", { class: "turn" }, h("label", { for: "turn" }, "Turn"), reading, straight, turn, ends()),
     why,
     h("div", { class: "drive-actions" }, start, stop),

@@ -1,10 +1,11 @@
 // The estimator's health in words, and the numbers behind it.
 
-import type { App } from "../app";
-import { type IconName, byId, h, icon, setText } from "../dom";
-import { capitalised, fixed, scaled } from "../format";
-import { onGap } from "../history";
-import { Sparkline } from "../sparkline";
+import type { App } from "../app/app";
+import { type IconName, byId, h, icon, setText } from "../basics/dom";
+import { capitalised, fixed, scaled } from "../basics/format";
+import { onGap } from "../app/history";
+import { Sparkline } from "../drawing/sparkline";
+import "../styles/panels/estimator.css";
 import type { Health, RobotState, Tick, Verdict } from "../types";
 import { Readout } from "./readout";
 

@@ -1,8 +1,8 @@
 // The emergency stop: always there, also on Space and Escape, repeated until the server confirms it.
 
-import { ApiError, api } from "../api";
-import type { App } from "../app";
-import { byId, h, icon, setText } from "../dom";
+import { ApiError, api } from "../link/api";
+import type { App } from "../app/app";
+import { byId, h, icon, setText } from "../basics/dom";
 
 const RETRY_MS = 400;
 

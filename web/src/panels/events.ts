@@ -1,9 +1,10 @@
 // The timeline: what happened, newest first, and a strip of the estimator's health.
 
-import type { App } from "../app";
-import { byId, cssColour, fitCanvas, h, sizeOf } from "../dom";
-import { capitalised, clock } from "../format";
-import { GAP_S } from "../history";
+import type { App } from "../app/app";
+import { byId, cssColour, fitCanvas, h, sizeOf } from "../basics/dom";
+import { capitalised, clock } from "../basics/format";
+import { GAP_S } from "../app/history";
+import "../styles/panels/events.css";
 import type { TimelineEvent, Verdict } from "../types";
 
 const KEPT = 200;

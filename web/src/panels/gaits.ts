@@ -1,18 +1,15 @@
 // The gait cards, each with its gait's own motion drawn small.
 
-import { api } from "../api";
-import type { App } from "../app";
-import { byId, h } from "../dom";
-import { GaitDrawing } from "../drawing";
+import type { App } from "../app/app";
+import { byId, h } from "../basics/dom";
+import { GaitDrawing } from "../drawing/gait-drawing";
+import { ApiError, api } from "../link/api";
+import "../styles/panels/gaits.css";
 import type { GaitEntry, ParameterValues, RobotState } from "../types";
 
-const FRAME_MS = 100;
-
-interface Card {
-  entry: GaitEntry;
-  button: HTMLButtonElement;
-  drawing: GaitDrawing;
-}
+const REDRAW_MS = 100;
+const RETRY_MS = 5000;
+const STILL_AT_S = 0.5;
 
 export const defaults = (entry: GaitEntry): ParameterValues =>
   Object.fromEntries(entry.parameters.map((parameter) => [parameter.key, parameter.default]));
@@ -27,47 +24,65 @@ export function mountGaits(app: App): void {
   const list = h("div", { class: "gait-cards", role: "group", "aria-label": "Gait" });
   byId("gaits").append(h("h2", { class: "visually-hidden" }, "Gait"), list);
   let cards: Card[] = [];
-  let joints = 24;
-  const build = () => {
-    joints = app.state.get()?.robot.joints || joints;
-    cards = app.catalogue.get().map((entry) => makeCard(app, entry, joints));
+  const sync = () => {
+    for (const card of cards) card.sync();
+  };
+  app.catalogue.watch((catalogue) => {
+    cards = catalogue.map((entry) => new Card(app, entry));
     list.replaceChildren(...cards.map((card) => card.button));
-    mark();
-  };
-  const mark = () => {
-    const state = app.state.get();
-    for (const { entry, button, drawing } of cards) {
-      button.setAttribute("aria-pressed", String(state?.gait.name === entry.name));
-      button.disabled = !app.commandable;
-      drawing.setValues(inForce(entry, state));
-    }
-  };
-  app.catalogue.watch(build);
-  app.state.watch((state) => (state && state.robot.joints > 0 && state.robot.joints !== joints ? build() : mark()));
-  app.link.watch(mark);
-  app.role.watch(mark);
-  app.lease.current.watch(mark);
-  animate(app, () => cards.map((card) => card.drawing), (index) => cards[index]?.button.ariaPressed === "true");
-}
-
-function makeCard(app: App, entry: GaitEntry, joints: number): Card {
-  const drawing = new GaitDrawing(entry.name, defaults(entry), joints);
-  const turn = () => app.state.get()?.gait.turn ?? 0;
-  const choose = () => void app.command(() => api.setGait({ name: entry.name, ...defaults(entry), turn: turn() }));
-  const button = h(
-    "button",
-    { class: "gait-card", type: "button", "data-gait": entry.name, title: entry.summary, onclick: choose },
-    drawing.canvas,
-    h("span", { class: "gait-title" }, entry.title),
-  );
-  return { entry, button, drawing };
-}
-
-/** Redraw at a calm rate while the page is seen; a still picture for those who asked for less motion. */
-function animate(app: App, drawings: () => GaitDrawing[], active: (index: number) => boolean): void {
-  const still = matchMedia("(prefers-reduced-motion: reduce)");
-  app.redraw.every(FRAME_MS, () => {
-    const seconds = still.matches ? 0.5 : performance.now() / 1000;
-    drawings().forEach((drawing, index) => drawing.draw(seconds, active(index)));
+    sync();
   });
+  app.state.watch(sync);
+  app.link.watch(sync);
+  app.role.watch(sync);
+  app.lease.current.watch(sync);
+  // At a calm rate while the page is seen, and without motion for those who asked for less of it.
+  const still = matchMedia("(prefers-reduced-motion: reduce)");
+  app.redraw.every(REDRAW_MS, () => {
+    const seconds = still.matches ? STILL_AT_S : performance.now() / 1000;
+    for (const card of cards) card.draw(seconds);
+  });
+}
+
+class Card {
+  readonly button: HTMLButtonElement;
+  private readonly drawing = new GaitDrawing();
+  /** The robot and parameters for which the drawing is, or was last requested. */
+  private drawnFor = "";
+  private retryAtMs = 0;
+
+  constructor(
+    private readonly app: App,
+    private readonly entry: GaitEntry,
+  ) {
+    const choose = () => void app.command(() => api.setGait({ name: entry.name, ...defaults(entry), turn: app.state.get()?.gait.turn ?? 0 }));
+    const attributes = { class: "gait-card", type: "button", "data-gait": entry.name, title: entry.summary, onclick: choose } as const;
+    this.button = h("button", attributes, this.drawing.canvas, h("span", { class: "gait-title" }, entry.title));
+  }
+
+  sync(): void {
+    const state = this.app.state.get();
+    this.button.setAttribute("aria-pressed", String(state?.gait.name === this.entry.name));
+    this.button.disabled = !this.app.commandable;
+    const values = inForce(this.entry, state);
+    const key = JSON.stringify([state?.robot, values]);
+    if (state && this.app.link.get().phase === "live" && key !== this.drawnFor && performance.now() > this.retryAtMs) void this.load(key, values);
+  }
+
+  draw(seconds: number): void {
+    this.drawing.draw(seconds, this.button.ariaPressed === "true");
+  }
+
+  private async load(key: string, values: ParameterValues): Promise<void> {
+    this.drawnFor = key;
+    try {
+      const { drawing } = await api.previewGait(this.entry.name, values);
+      if (key === this.drawnFor) this.drawing.show(drawing, values.period_s ?? 1);
+    } catch (error) {
+      // Requested again with a later state; the card works without its drawing, so only a lost sign-in is reported.
+      this.drawnFor = "";
+      this.retryAtMs = performance.now() + RETRY_MS;
+      if (error instanceof ApiError && error.status === 401) this.app.report(error);
+    }
+  }
 }

@@ -1,10 +1,10 @@
 // How still the head is held: what the camera's picture depends on.
 
-import type { App } from "../app";
-import { byId, h, setText } from "../dom";
-import { fixed, scaled } from "../format";
-import { onGap } from "../history";
-import { Sparkline } from "../sparkline";
+import type { App } from "../app/app";
+import { byId, h, setText } from "../basics/dom";
+import { fixed, scaled } from "../basics/format";
+import { onGap } from "../app/history";
+import { Sparkline } from "../drawing/sparkline";
 import { Readout } from "./readout";
 import type { Tick } from "../types";
 

@@ -1,8 +1,9 @@
 // Which controller holds the head, with how long a neck, and where its line points.
 
-import { ApiError, api } from "../api";
-import type { App } from "../app";
-import { byId, h, icon, setText } from "../dom";
+import { ApiError, api } from "../link/api";
+import type { App } from "../app/app";
+import { byId, h, icon, setText } from "../basics/dom";
+import "../styles/panels/headcontrol.css";
 import type { HeadAnswer, HeadEntry, HeadRequest } from "../types";
 import { Choice } from "./choice";
 import { NumberForm } from "./numberform";

@@ -1,7 +1,7 @@
 // All joints over the last seconds: one row each, head at the top, so that a wave is seen travelling down the body.
 
-import { GAP_S, type JointHistory } from "../history";
-import { cssColour } from "../dom";
+import { GAP_S, type JointHistory } from "../app/history";
+import { cssColour } from "../basics/dom";
 
 type Rgb = [number, number, number];
 

@@ -1,6 +1,6 @@
 // Keys and what the page's words mean.
 
-import { byId, h } from "../dom";
+import { byId, h } from "../basics/dom";
 import { openDialog, prepareDialog } from "./dialog";
 
 const KEYS: [string, string][] = [

@@ -2,9 +2,10 @@
 
 import uPlot from "uplot";
 import "uplot/dist/uPlot.min.css";
-import type { App } from "../app";
-import { byId, cssColour, h, icon, setText, sizeOf } from "../dom";
-import { JointHistory } from "../history";
+import type { App } from "../app/app";
+import { byId, cssColour, h, icon, setText, sizeOf } from "../basics/dom";
+import { JointHistory } from "../app/history";
+import "../styles/panels/joints.css";
 import { Heatmap } from "./heatmap";
 
 const WINDOW_S = 20;

@@ -1,8 +1,8 @@
 // Two clicks in the 3D view, and the distance between the points that lie there.
 
-import { h, setText } from "../dom";
-import { fixed } from "../format";
-import { type Point, type Scene3D, distance } from "../scene";
+import { h, setText } from "../basics/dom";
+import { fixed } from "../basics/format";
+import { type Point, type Scene3D, distance } from "../drawing/scene";
 
 const SVG = "http://www.w3.org/2000/svg";
 

@@ -1,6 +1,7 @@
 // One number with its unit and limits, sent by its button or by Enter.
 
-import { h, setText } from "../dom";
+import { h, setText } from "../basics/dom";
+import "../styles/panels/numberform.css";
 
 export interface NumberFormOptions {
   id: string;

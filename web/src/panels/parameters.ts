@@ -1,13 +1,16 @@
 // The chosen gait's parameters, with units and limits; nothing changes until Apply.
 
-import { api } from "../api";
-import type { App } from "../app";
-import { byId, h, icon, setText } from "../dom";
-import { fixed, stepDecimals, unitSign } from "../format";
-import { besselJ0 } from "../snake";
+import { api } from "../link/api";
+import type { App } from "../app/app";
+import { byId, h, icon, setText } from "../basics/dom";
+import { stepDecimals, unitSign } from "../basics/format";
+import "../styles/panels/parameters.css";
 import type { GaitEntry, GaitParameter, ParameterKey, ParameterValues } from "../types";
 import { defaults, inForce } from "./gaits";
 import { PresetPicker } from "./presets";
+
+/** The fields are still being edited until then. */
+const PREVIEW_AFTER_MS = 200;
 
 export function mountParameters(app: App): void {
   const panel = new ParametersPanel(app);
@@ -83,6 +86,10 @@ class ParametersPanel {
   private entry: GaitEntry | null = null;
   private fields: Field[] = [];
   private edited = false;
+  /** The values that were previewed last, and what the server said of them. */
+  private previewed = "";
+  private remark = "";
+  private timer = 0;
   private readonly list = h("div", { class: "fields" });
   private readonly hint = h("p", { class: "hint", "aria-live": "polite" });
   private readonly summary = h("p", { class: "gait-summary" });
@@ -149,14 +156,26 @@ class ParametersPanel {
     if (!changed) this.edited = false;
     this.apply.disabled = !changed || !this.fields.every((field) => field.valid);
     const wrong = this.fields.find((field) => !field.valid);
-    setText(this.hint, wrong ? "A value is outside its limits." : this.advice());
+    // The notice of the gait in force says more than its remark.
+    const silent = !this.edited && this.app.state.get()?.notice != null;
+    setText(this.hint, wrong ? "A value is outside its limits." : silent ? "" : this.remark);
+    if (!wrong) this.preview();
   }
 
-  /** The ideal serpenoid body advances J0(alpha) of its wave: nothing at .77 pi. The notice says it where it is little. */
-  private advice(): string {
-    const alpha = this.fields.find((field) => field.key === "alpha_pi");
-    if (this.entry?.name !== "serpentine" || !alpha || (!this.edited && this.app.state.get()?.notice)) return "";
-    return `At this angle an ideal body advances ${fixed(100 * besselJ0(alpha.value * Math.PI), 0)} % of the wave.`;
+  /** Have the server judge the values in the fields, once they have not changed for a moment. */
+  private preview(): void {
+    const entry = this.entry;
+    const values = this.values();
+    const key = JSON.stringify([entry?.name, this.app.state.get()?.robot, values]);
+    if (!entry || key === this.previewed || this.app.link.get().phase !== "live") return;
+    this.previewed = key;
+    window.clearTimeout(this.timer);
+    this.timer = window.setTimeout(async () => {
+      const found = await api.previewGait(entry.name, values).catch(() => null);
+      if (key !== this.previewed) return;
+      this.remark = found?.reason != null ? `Not possible: ${found.reason}.` : (found?.remark ?? "");
+      this.mark();
+    }, PREVIEW_AFTER_MS);
   }
 
   private values(): ParameterValues {

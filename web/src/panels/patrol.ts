@@ -3,12 +3,12 @@
 // A patrol is this page driving: it has this page's control, plays the gait by Start, and sets the turn as the slider
 // does. Stop, the emergency stop, another's taking over, a lost link and any hold end it; so does a hand on the turn.
 
-import { api } from "../api";
-import type { App } from "../app";
-import { byId, h, setText } from "../dom";
-import { fixed } from "../format";
+import { api } from "../link/api";
+import type { App } from "../app/app";
+import { byId, h, setText } from "../basics/dom";
+import { fixed } from "../basics/format";
+import "../styles/panels/patrol.css";
 import { inForce } from "./gaits";
-import "../styles/patrol.css";
 
 const LOOK_EVERY_MS = 1000;
 const SEEN = "snakeslam.welcomed";
@@ -107,14 +107,12 @@ class Patrol {
     this.timer = window.setTimeout(() => void this.look(), LOOK_EVERY_MS);
   }
 
-  /** Set the turn of the serpentine gait, the one that goes forward and steers. */
+  /** Set the turn of the gait that is offered first, one that moves forward and can be steered. */
   private async steer(turn: number): Promise<void> {
     this.settled = false;
     this.turn = turn;
-    const entry = this.app.catalogue.get().find((gait) => gait.name === "serpentine");
-    const state = this.app.state.get();
-    const parameters = entry && state?.gait.name === "serpentine" ? inForce(entry, state) : {};
-    await api.setGait({ name: "serpentine", ...parameters, turn });
+    const entry = this.app.catalogue.get().find((gait) => gait.turns);
+    if (entry) await api.setGait({ name: entry.name, ...inForce(entry, this.app.state.get()), turn });
   }
 
   private end(reason: string): void {

@@ -1,9 +1,10 @@
 // How a recording plays: pause, single frames, a slider to seek with, the speed. Shown only while one is open.
 
-import { api } from "../api";
-import type { App } from "../app";
-import { byId, h, icon, setText } from "../dom";
-import { clock } from "../format";
+import { api } from "../link/api";
+import type { App } from "../app/app";
+import { byId, h, icon, setText } from "../basics/dom";
+import { clock } from "../basics/format";
+import "../styles/panels/player.css";
 import type { Playback, PlaybackRequest } from "../types";
 
 const SPEEDS = [0.25, 0.5, 1, 2, 4, 8];

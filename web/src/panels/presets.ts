@@ -1,6 +1,6 @@
 // Named parameter sets of a gait: the house's own and those the operator has saved in this browser.
 
-import { h } from "../dom";
+import { h } from "../basics/dom";
 import type { GaitEntry, ParameterValues } from "../types";
 import { defaults } from "./gaits";
 

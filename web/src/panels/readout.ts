@@ -1,7 +1,8 @@
 // One measured value: its name, the number with its unit, and optionally its trend.
 
-import { h, setText } from "../dom";
-import { Sparkline } from "../sparkline";
+import { h, setText } from "../basics/dom";
+import { Sparkline } from "../drawing/sparkline";
+import "../styles/panels/readout.css";
 
 export interface ReadoutOptions {
   id: string;

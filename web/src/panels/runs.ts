@@ -1,10 +1,11 @@
 // Scripted runs: submit, watch, read the result, cancel. One runs at a time beside the live view.
 
-import { ApiError, api } from "../api";
-import type { App } from "../app";
-import { byId, h, setText } from "../dom";
-import { errorLine } from "../failure";
-import { fixed, scaled } from "../format";
+import { ApiError, api } from "../link/api";
+import type { App } from "../app/app";
+import { byId, h, setText } from "../basics/dom";
+import { errorLine } from "../link/failure";
+import { fixed, scaled } from "../basics/format";
+import "../styles/panels/runs.css";
 import type { Run, RunOverrides } from "../types";
 import { labelled, origin } from "./source";
 

@@ -1,9 +1,10 @@
 // The sign-in form, shown when the server answers 401.
 
-import { api } from "../api";
-import type { App } from "../app";
-import { byId, h, setText } from "../dom";
-import { errorLine } from "../failure";
+import { api } from "../link/api";
+import type { App } from "../app/app";
+import { byId, h, setText } from "../basics/dom";
+import { errorLine } from "../link/failure";
+import "../styles/panels/signin.css";
 import { openDialog } from "./dialog";
 
 export function mountSignIn(app: App, onSignedIn: () => void): void {

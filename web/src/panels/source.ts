@@ -1,10 +1,11 @@
 // What is shown: the simulator with its main settings, or a recording.
 
-import { ApiError, api } from "../api";
-import type { App } from "../app";
-import { byId, h, icon, setText } from "../dom";
-import { errorLine } from "../failure";
-import { fixed } from "../format";
+import { ApiError, api } from "../link/api";
+import type { App } from "../app/app";
+import { byId, h, icon, setText } from "../basics/dom";
+import { errorLine } from "../link/failure";
+import { fixed } from "../basics/format";
+import "../styles/panels/source.css";
 import type { Mode, Overrides, Recording, RobotState } from "../types";
 import { openDialog, prepareDialog } from "./dialog";
 

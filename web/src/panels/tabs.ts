@@ -1,5 +1,7 @@
 // The tabs of the bottom dock, with the arrow keys of the usual pattern.
 
+import "../styles/panels/tabs.css";
+
 export function mountTabs(list: HTMLElement): void {
   const tabs = [...list.querySelectorAll<HTMLButtonElement>('[role="tab"]')];
   const choose = (chosen: HTMLButtonElement) => {

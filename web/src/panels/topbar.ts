@@ -1,9 +1,9 @@
 // The top bar: what is connected, how fresh it is, and how fast it runs. (The emergency stop has its own module.)
 
-import type { App, Link } from "../app";
-import { type IconName, byId, h, icon, setText } from "../dom";
-import { age, clock, fixed } from "../format";
-import { shownTheme, toggleTheme } from "../theme";
+import type { App, Link } from "../app/app";
+import { type IconName, byId, h, icon, setText } from "../basics/dom";
+import { age, clock, fixed } from "../basics/format";
+import { shownTheme, toggleTheme } from "../basics/theme";
 import type { RobotState } from "../types";
 import { controlChip } from "./control";
 

@@ -1,11 +1,12 @@
 // The 3D view: viser in a frame of the same origin; a view from above stands in for it until it has drawn.
 
-import type { App } from "../app";
-import { byId, h, icon, setText } from "../dom";
-import { count } from "../format";
-import { type Drawn, Scene3D, type Stage } from "../scene";
-import { TopView } from "../topview";
-import { loadViewer } from "../viewer-load";
+import type { App } from "../app/app";
+import { byId, h, icon, setText } from "../basics/dom";
+import { count } from "../basics/format";
+import { type Drawn, Scene3D, type Stage } from "../drawing/scene";
+import { TopView } from "../drawing/topview";
+import { loadViewer } from "../app/viewer-load";
+import "../styles/panels/viewer.css";
 import { ViewTools } from "./viewtools";
 
 const STEPS: Record<Exclude<Stage, "drawn">, [number, string]> = {

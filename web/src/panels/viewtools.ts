@@ -1,11 +1,11 @@
 // Above the 3D view: camera positions, layers, measuring, compass and scale bar. All of it is this browser's own.
 
-import { h, setText } from "../dom";
-import { fixed } from "../format";
-import { type Drawn, type Layer, type Point, type Scene3D, distance, plus } from "../scene";
+import { h, setText } from "../basics/dom";
+import { fixed } from "../basics/format";
+import { type Drawn, type Layer, type Point, type Scene3D, distance, plus } from "../drawing/scene";
+import "../styles/panels/viewtools.css";
 import type { Body } from "../types";
 import { Measure } from "./measure";
-import "../styles/viewtools.css";
 
 const LAYERS: [Layer, string][] = [
   ["map", "Map"],

@@ -1,8 +1,8 @@
 // The teleop socket: open while this page has control; drive input while it is held, and one zero on release.
 
 import type { App } from "./app";
-import { Cell } from "./store";
-import type { TeleopAnswer, TeleopInput } from "./types";
+import { Cell } from "../basics/store";
+import type { Drive, TeleopAnswer, TeleopInput } from "../types";
 
 const SEND_EVERY_MS = 66;
 /** A drive that was silent for so long is over: the robot node holds the robot then. */
@@ -13,36 +13,31 @@ const RECONNECT_MS = 500;
 const MOST_WAITING_BYTES = 4096;
 const LOST_CONTROL = 4001;
 
-export interface Wish {
-  drive: number;
-  turn: number;
-}
-
 export class Teleop {
   /** Whether drive input can be sent now. */
   readonly ready = new Cell(false);
   private socket: WebSocket | null = null;
   private seq = 0;
-  private wish: Wish = { drive: 0, turn: 0 };
+  private drive: Drive = { drive: 0, turn: 0 };
   private timer = 0;
   private sentMs = 0;
 
   constructor(
     private readonly app: App,
-    /** Called when the server refuses a drive: whatever is held must be let go. */
+    /** Called when the server refuses a drive: whatever is held must be released. */
     private readonly onRefused: (detail: string) => void,
-    /** Called when this page itself stood still while it drove: the robot is held, and must not go on by itself. */
+    /** Called when this page itself was frozen while it drove: the robot is held, and must not go on by itself. */
     private readonly onStalled: () => void,
   ) {
     app.lease.current.watch((lease) => (lease ? this.open(lease.key) : this.close()));
     window.setInterval(() => this.ping(), PING_EVERY_MS);
   }
 
-  /** Drive like this until told otherwise; a zero is sent once. */
-  set(wish: Wish): void {
-    const before = this.wish;
-    this.wish = wish;
-    const moves = wish.drive !== 0;
+  /** Drive like this until the next call; a zero is sent once. */
+  set(drive: Drive): void {
+    const before = this.drive;
+    this.drive = drive;
+    const moves = drive.drive !== 0;
     if (moves && this.timer === 0) {
       this.sentMs = performance.now();
       this.timer = window.setInterval(() => this.repeat(), SEND_EVERY_MS);
@@ -63,16 +58,16 @@ export class Teleop {
   private send(): void {
     const socket = this.socket;
     if (!socket || !this.ready.get()) return;
-    // Old input that waits to be sent is worth nothing; a zero always goes.
-    if (this.wish.drive !== 0 && socket.bufferedAmount > MOST_WAITING_BYTES) return;
-    this.say({ type: "drive", seq: ++this.seq, t_ms: performance.now(), ...this.wish });
+    // Old input in the queue is useless; a zero is always sent.
+    if (this.drive.drive !== 0 && socket.bufferedAmount > MOST_WAITING_BYTES) return;
+    this.transmit({ type: "drive", seq: ++this.seq, t_ms: performance.now(), ...this.drive });
   }
 
   private ping(): void {
-    if (this.socket?.readyState === WebSocket.OPEN) this.say({ type: "ping", t_ms: performance.now() });
+    if (this.socket?.readyState === WebSocket.OPEN) this.transmit({ type: "ping", t_ms: performance.now() });
   }
 
-  private say(message: TeleopInput): void {
+  private transmit(message: TeleopInput): void {
     this.socket?.send(JSON.stringify(message));
   }
 
@@ -82,29 +77,29 @@ export class Teleop {
     const socket = new WebSocket(`${scheme}://${location.host}/api/v1/teleop`);
     this.socket = socket;
     socket.onopen = () => {
-      this.say({ type: "hello", lease: key });
-      // Several, so that the quickest of them tells the clocks' difference.
+      this.transmit({ type: "hello", lease: key });
+      // Several, because the quickest of them gives the difference of the clocks.
       for (const delay of [0, FIRST_PINGS_MS, 2 * FIRST_PINGS_MS]) window.setTimeout(() => this.ping(), delay);
     };
-    socket.onmessage = (event: MessageEvent<string>) => this.hear(JSON.parse(event.data) as TeleopAnswer);
+    socket.onmessage = (event: MessageEvent<string>) => this.onAnswer(JSON.parse(event.data) as TeleopAnswer);
     socket.onclose = (event) => {
-      if (this.socket === socket) this.dropped(event, key);
+      if (this.socket === socket) this.onClose(event, key);
     };
   }
 
-  private hear(answer: TeleopAnswer): void {
+  private onAnswer(answer: TeleopAnswer): void {
     if (answer.type === "pong") this.ready.set(true);
     else if (answer.type === "done") this.app.commandMs.set(performance.now() - answer.t_ms);
     else if (answer.type === "refused") this.onRefused(`The drive was refused: ${answer.detail}.`);
   }
 
-  private dropped({ code, reason }: CloseEvent, key: string): void {
+  private onClose({ code, reason }: CloseEvent, key: string): void {
     this.socket = null;
     this.ready.set(false);
     if (code === LOST_CONTROL) return this.app.lease.lost();
     // Whoever holds the drive must press again once the connection is back.
     if (reason !== "") this.onRefused(`The drive's connection was closed: ${reason} (${code}). It is opened again.`);
-    else if (this.wish.drive !== 0) this.onRefused("The drive was let go: the connection was lost. It is opened again.");
+    else if (this.drive.drive !== 0) this.onRefused("The drive was released: the connection was lost. It is opened again.");
     window.setTimeout(() => this.app.lease.current.get()?.key === key && this.open(key), RECONNECT_MS);
   }
 

@@ -1,12 +1,11 @@
-// What is held: keys, pad buttons, gamepad. Everything is let go when the page cannot be trusted to see the robot.
+// The deadman input: keys, pad buttons, gamepad. All of it is released when the page cannot be sure to show the robot.
 
 import type { App } from "./app";
-import { KeyRepeat } from "./key-repeat";
-import { Cell } from "./store";
-import type { Wish } from "./teleop";
-import type { RobotState } from "./types";
+import { KeyRepeat } from "../basics/key-repeat";
+import { Cell } from "../basics/store";
+import type { Drive, RobotState } from "../types";
 
-const DRIVE_KEYS: Record<string, Wish> = {
+const DRIVE_KEYS: Record<string, Drive> = {
   KeyW: { drive: 1, turn: 0 },
   KeyS: { drive: -1, turn: 0 },
   KeyA: { drive: 0, turn: 1 },
@@ -19,25 +18,25 @@ const FIELDS = "textarea, select, input:not([type=range])";
 const DEAD_ZONE = 0.15;
 const STOP_BUTTON = 1; // B, or the circle
 const GAMEPAD = "gamepad";
-const LOOK_MS = 50;
-/** A picture is frozen after four of its usual intervals, within these bounds. */
+const POLL_MS = 50;
+/** The camera image is frozen after four of its usual intervals, within these bounds. */
 const FROZEN_MS: [number, number] = [1000, 4000];
-const FROZEN_LOOKS = 3;
+const FROZEN_POLLS = 3;
 
 const clip = (value: number): number => Math.max(-1, Math.min(1, value));
 
-export class Hands {
-  readonly wish = new Cell<Wish>({ drive: 0, turn: 0 });
+export class DeadmanInput {
+  readonly drive = new Cell<Drive>({ drive: 0, turn: 0 });
   /** Share of the full pace. */
   speed = 1;
-  private readonly held = new Map<string, Wish>();
+  private readonly held = new Map<string, Drive>();
   private lastFrameMs: number | null = null;
   private intervalMs = 250;
-  private frozenLooks = 0;
-  /** A stick that was let go by force must come to rest before it counts again. */
+  private frozenPolls = 0;
+  /** A stick that was released by force must return to its centre before it counts again. */
   private stickArmed = false;
   private stopWasDown = false;
-  private padIndex: number | null = null;
+  private gamepadIndex: number | null = null;
   private readonly repeat = new KeyRepeat();
   private heldBecause: string | null = null;
 
@@ -49,21 +48,21 @@ export class Hands {
     document.addEventListener("visibilitychange", () => document.hidden && this.releaseAll("the page is hidden"));
     window.addEventListener("gamepaddisconnected", () => this.releaseAll("the gamepad was unplugged"));
     for (const lost of ["fullscreenchange", "pointerlockchange", "compositionstart", "dragstart", "freeze"])
-      document.addEventListener(lost, () => this.releaseAll("another act took the keyboard or the pointer"));
+      document.addEventListener(lost, () => this.releaseAll("something else took the keyboard or the pointer"));
     app.link.watch(({ phase }) => phase !== "live" && this.releaseAll("the link is down"));
     app.state.watch((state) => this.follow(state));
-    app.picture.on(({ shown_ms }) => this.noteFrame(shown_ms - performance.timeOrigin));
-    window.setInterval(() => this.look(), LOOK_MS);
+    app.image.on(({ shown_ms }) => this.noteFrame(shown_ms - performance.timeOrigin));
+    window.setInterval(() => this.poll(), POLL_MS);
   }
 
   get gamepad(): string | null {
     return navigator.getGamepads().find((pad) => pad?.connected)?.id ?? null;
   }
 
-  hold(source: string, wish: Wish): void {
+  hold(source: string, input: Drive): void {
     if (!this.app.commandable || this.app.state.get()?.estop.latched === true) return;
-    if (this.frozen) return this.app.notice.emit({ level: "error", text: "The camera picture is frozen: driving waits for it" });
-    this.held.set(source, wish);
+    if (this.frozen) return this.app.notice.emit({ level: "error", text: "The camera image is frozen: driving waits for it" });
+    this.held.set(source, input);
     this.combine();
   }
 
@@ -76,7 +75,7 @@ export class Hands {
     if (this.held.size === 0) return;
     this.held.clear();
     this.combine();
-    if (why !== null) this.app.notice.emit({ level: "error", text: `The drive was let go: ${why}. Let go, then press again.` });
+    if (why !== null) this.app.notice.emit({ level: "error", text: `The drive was released: ${why}. Release it, then press again.` });
   }
 
   /** A hold ends the drive here too: nothing goes on by itself when the robot may move again. */
@@ -100,7 +99,7 @@ export class Hands {
     const swallowed = (event: KeyboardEvent): boolean => {
       const { key, ctrlKey, altKey, metaKey, isComposing } = event;
       const may = ctrlKey || altKey || metaKey || isComposing || SWALLOWERS.includes(key);
-      if (may) this.releaseAll("Command, Ctrl, Alt or an input method may keep a key-up to itself");
+      if (may) this.releaseAll("Command, Ctrl, Alt or an input method may withhold a key-up");
       return may;
     };
     // Before any other listener: on the pad's buttons Enter is held as well.
@@ -110,57 +109,57 @@ export class Hands {
       const key = named(event);
       if (key === null) return;
       event.preventDefault();
-      const wish = DRIVE_KEYS[key];
-      if (!event.repeat && wish) this.hold(event.code, wish);
+      const input = DRIVE_KEYS[key];
+      if (!event.repeat && input) this.hold(event.code, input);
     });
-    // On the way down, whatever has the focus by now: a lost key-up would drive on.
-    target.addEventListener("keyup", (event) => this.letGo(event, swallowed(event)), { capture: true });
+    // In the capture phase, whatever has the focus by now: after a lost key-up the robot would be driven on.
+    target.addEventListener("keyup", (event) => this.onKeyUp(event, swallowed(event)), { capture: true });
     target.addEventListener("blur", () => this.releaseAll(null));
-    // A menu has the keyboard and the pointer to itself, and so has a field.
+    // A menu takes the keyboard and the pointer, and a field the keyboard.
     target.addEventListener("contextmenu", (event) => !event.defaultPrevented && this.releaseAll("a menu was opened"));
     target.addEventListener("focusin", (event) => {
       if (event.target instanceof Element && event.target.matches(FIELDS)) this.releaseAll("a field has the keyboard now");
     });
   }
 
-  private letGo(event: KeyboardEvent, swallowed: boolean): void {
+  private onKeyUp(event: KeyboardEvent, swallowed: boolean): void {
     this.repeat.onUp();
     if (!swallowed) this.release(event.code);
   }
 
-  /** Seen at several looks: a page that was busy itself has pictures waiting. */
+  /** Judged over several polls: a page that was busy itself has images in its queue. */
   private get frozen(): boolean {
-    return this.frozenLooks >= FROZEN_LOOKS;
+    return this.frozenPolls >= FROZEN_POLLS;
   }
 
   private noteFrame(now: number): void {
     if (this.lastFrameMs !== null) this.intervalMs += 0.1 * (now - this.lastFrameMs - this.intervalMs);
     this.lastFrameMs = now;
-    this.frozenLooks = 0;
+    this.frozenPolls = 0;
   }
 
-  private look(): void {
+  private poll(): void {
     const limit = Math.min(Math.max(4 * this.intervalMs, FROZEN_MS[0]), FROZEN_MS[1]);
     const old = this.lastFrameMs !== null && performance.now() - this.lastFrameMs > limit;
-    this.frozenLooks = old ? this.frozenLooks + 1 : 0;
-    if (this.held.size > 0 && this.frozen) this.releaseAll("the camera picture is frozen");
+    this.frozenPolls = old ? this.frozenPolls + 1 : 0;
+    if (this.held.size > 0 && this.frozen) this.releaseAll("the camera image is frozen");
     const key = this.repeat.lost(performance.now());
     if (key !== null && (this.held.has(key) || key.endsWith("Enter"))) this.releaseAll("the key's repeats have stopped without a key-up");
-    this.lookAtPad();
+    this.pollGamepad();
   }
 
-  private lookAtPad(): void {
+  private pollGamepad(): void {
     const pad = navigator.getGamepads().find((candidate) => candidate?.connected) ?? null;
-    // Gone without the event that should say so, or another one in its place.
-    if (this.padIndex !== null && pad?.index !== this.padIndex) {
+    // Disconnected without an event, or replaced by another one.
+    if (this.gamepadIndex !== null && pad?.index !== this.gamepadIndex) {
       if (this.held.has(GAMEPAD)) this.releaseAll("the gamepad has gone");
       this.stickArmed = this.stopWasDown = false;
     }
-    this.padIndex = pad?.index ?? null;
-    if (pad) this.readPad(pad);
+    this.gamepadIndex = pad?.index ?? null;
+    if (pad) this.readGamepad(pad);
   }
 
-  private readPad(pad: Gamepad): void {
+  private readGamepad(pad: Gamepad): void {
     const down = pad.buttons[STOP_BUTTON]?.pressed === true;
     if (down && !this.stopWasDown) this.onStop("Gamepad button pressed");
     this.stopWasDown = down;
@@ -180,10 +179,10 @@ export class Hands {
   private combine(): void {
     let drive = 0;
     let turn = 0;
-    for (const wish of this.held.values()) {
-      drive += wish.drive;
-      turn += wish.turn;
+    for (const input of this.held.values()) {
+      drive += input.drive;
+      turn += input.turn;
     }
-    this.wish.set({ drive: clip(drive) * this.speed, turn: clip(turn) });
+    this.drive.set({ drive: clip(drive) * this.speed, turn: clip(turn) });
   }
 }

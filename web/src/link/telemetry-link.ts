@@ -1,7 +1,7 @@
 // What the page and its telemetry worker say to each other, and the form of a camera frame.
 
-import type { Colours } from "./painter";
-import type { Frame, ShownImage, TelemetryMessage } from "./types";
+import type { Colours } from "../drawing/painter";
+import type { Frame, ShownImage, TelemetryMessage } from "../types";
 
 /** What the worker hands on to the page. */
 export type Message = Extract<TelemetryMessage, { type: "state" | "tick" | "event" }>;

@@ -1,7 +1,6 @@
 // Errors in the operator's words: never the browser's own, which name neither what failed nor what to do.
 
 import { ApiError } from "./api";
-import type { App } from "./app";
 
 /** One line for an error of any kind. */
 export function errorLine(error: unknown): string {
@@ -11,10 +10,10 @@ export function errorLine(error: unknown): string {
 }
 
 /** Say what no caller has caught: a page that has a fault must not look as if all were well. */
-export function watchFailures(app: App): void {
+export function watchFailures(report: (error: unknown) => void): void {
   window.addEventListener("error", (event) => {
     // Resources that fail to load have no error object, and ResizeObserver's warning is none of ours.
-    if (event.error instanceof Error) app.report(event.error);
+    if (event.error instanceof Error) report(event.error);
   });
-  window.addEventListener("unhandledrejection", (event) => app.report(event.reason));
+  window.addEventListener("unhandledrejection", (event) => report(event.reason));
 }

@@ -1,16 +1,16 @@
 // The page's end of the telemetry: reconnects with back-off, and says so when the server falls silent.
 
-import { ApiError, api } from "./api";
+import { ApiError, api } from "../link/api";
 import type { App } from "./app";
-import type { Colours } from "./painter";
-import type { FromWorker, Message, ToWorker } from "./telemetry-link";
+import type { Colours } from "../drawing/painter";
+import type { FromWorker, Message, ToWorker } from "../link/telemetry-link";
 
 const FIRST_DELAY_MS = 400;
 const LAST_DELAY_MS = 6000;
 const SILENT_AFTER_MS = 2000;
 
 export class Telemetry {
-  private readonly worker = new Worker(new URL("./telemetry-worker.ts", import.meta.url), { type: "module" });
+  private readonly worker = new Worker(new URL("../link/telemetry-worker.ts", import.meta.url), { type: "module" });
   private open = false;
   private delayMs = FIRST_DELAY_MS;
   private retryTimer = 0;
@@ -74,7 +74,7 @@ export class Telemetry {
     else if (said.kind === "round-trip") this.app.roundTripMs.set(said.ms);
     else if (said.kind === "picture") {
       this.heard();
-      this.app.picture.emit(said.picture);
+      this.app.image.emit(said.picture);
     } else this.receive(said.message);
   }
 

@@ -1,6 +1,6 @@
 // Draws camera frames and the tracked features on them, onto canvases that the page has handed over.
 
-import type { Features, Frame } from "./types";
+import type { Features, Frame } from "../types";
 
 export interface Colours {
   inlier: string;

@@ -1,7 +1,7 @@
 // The robot and its path from above on a plain canvas: what is to be seen until the 3D view has drawn, or without WebGL.
 
-import { fitCanvas } from "./dom";
-import type { Body } from "./types";
+import { fitCanvas } from "../basics/dom";
+import type { Body } from "../types";
 
 // The 3D view's own colours, which are dark in both themes.
 const GROUND = "#141414";

@@ -1,11 +1,11 @@
 // What the panels share: the last state, the link, and the streams of the telemetry.
 
-import { ApiError, api } from "./api";
-import { errorLine } from "./failure";
+import { ApiError, api } from "../link/api";
+import { errorLine } from "../link/failure";
 import { LeaseKeeper } from "./lease";
-import { Redraw } from "./redraw";
-import { Cell, Channel } from "./store";
-import type { GaitEntry, RobotState, Role, Run, ShownImage, Tick, TimelineEvent } from "./types";
+import { Redraw } from "../basics/redraw";
+import { Cell, Channel } from "../basics/store";
+import type { GaitEntry, RobotState, Role, Run, ShownImage, Tick, TimelineEvent } from "../types";
 
 const RETRY_MS = 1000;
 const LAST_RETRY_MS = 15_000;
@@ -30,7 +30,7 @@ export class App {
   readonly state = new Cell<RobotState | null>(null);
   readonly catalogue = new Cell<GaitEntry[]>([]);
   readonly role = new Cell<Role>("viewer");
-  readonly lease = new LeaseKeeper(this);
+  readonly lease = new LeaseKeeper(this.state, this.role);
   /** Of the telemetry socket, and from drive input to the session's word that it obeyed; null when not known. */
   readonly roundTripMs = new Cell<number | null>(null);
   readonly commandMs = new Cell<number | null>(null);
@@ -38,7 +38,7 @@ export class App {
   /** Why the list of runs could not be read; null when it could. */
   readonly runsProblem = new Cell<string | null>(null);
   readonly tick = new Channel<Tick>();
-  readonly picture = new Channel<ShownImage>();
+  readonly image = new Channel<ShownImage>();
   readonly timeline = new Channel<TimelineEvent>();
   readonly notice = new Channel<Notice | null>();
   readonly theme = new Channel<void>();

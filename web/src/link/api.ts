@@ -1,7 +1,7 @@
 // The typed client of /api/v1: whatever fails becomes one line that says what failed, where, and what to do.
 
-import type { paths } from "./generated/api";
-import type { GaitRequest, HeadRequest, Mode, Overrides, PlaybackRequest, RunRequest } from "./types";
+import type { paths } from "../generated/api";
+import type { GaitRequest, HeadRequest, Mode, Overrides, ParameterValues, PlaybackRequest, RunRequest } from "../types";
 
 const TIMEOUT_MS = 10_000;
 const LONG_MS = 60_000;
@@ -28,11 +28,14 @@ type Json<Content> = Content extends { content: { "application/json": infer T } 
 type Answer<Operation> = Operation extends { responses: infer R } ? (R extends { 200: infer Ok } ? Json<Ok> : R extends { 202: infer Ok } ? Json<Ok> : undefined) : never;
 type Body<Operation> = Operation extends { requestBody?: infer B } ? Json<NonNullable<B>> : never;
 
+type Query = Record<string, string | number | null | undefined>;
+
 interface Options<Body> {
   body?: Body;
   /** What stands in the path's braces. */
   path?: Record<string, string>;
-  query?: Record<string, string | number>;
+  /** What is null or undefined is left out. */
+  query?: Query;
   timeoutMs?: number;
   keepalive?: boolean;
 }
@@ -81,10 +84,10 @@ function unanswered({ what, method, path, timeoutMs }: Call, late: boolean): Api
 }
 
 /** The address of an operation: its path in the schema with the braces filled in, and the query. */
-function address(template: string, path: Record<string, string>, query: Record<string, string | number>): string {
+function address(template: string, path: Record<string, string>, query: Query): string {
   const filled = template.replace(/\{(\w+)\}/g, (_, name: string) => encodeURIComponent(path[name] ?? ""));
-  const asked = Object.entries(query).map(([key, value]) => `${key}=${encodeURIComponent(value)}`);
-  return asked.length === 0 ? filled : `${filled}?${asked.join("&")}`;
+  const given = Object.entries(query).flatMap(([key, value]) => (value == null ? [] : `${key}=${encodeURIComponent(value)}`));
+  return given.length === 0 ? filled : `${filled}?${given.join("&")}`;
 }
 
 async function request<P extends keyof paths, M extends Method & keyof paths[P]>(
@@ -128,6 +131,8 @@ export const api = {
   releaseControl: () => request("Giving control back", "delete", "/api/v1/control/lease", { keepalive: true }),
   signIn: (token: string) => request("Signing in", "post", "/api/v1/session", { body: { token } }),
   gait: () => request("Reading the gaits", "get", "/api/v1/gait"),
+  previewGait: (name: GaitRequest["name"], values: ParameterValues) =>
+    request("Reading what the gait looks like", "get", "/api/v1/gait/preview", { query: { name, ...values } }),
   setGait: (body: GaitRequest) => request("Setting the gait", "put", "/api/v1/gait", { body }),
   clearance: (turning: number) => request("Reading how far the ground is free", "get", "/api/v1/map/clearance", { query: { turning } }),
   head: () => request("Reading the head controllers", "get", "/api/v1/head"),

@@ -1,9 +1,9 @@
 // Runs beside the page, in a thread of its own: the telemetry socket and the camera's picture. Where a processor draws
 // the 3D view, the page is busy for a fifth of a second at a time, and the operator's picture does not wait for that.
 
-import { Painter } from "./painter";
+import { Painter } from "../drawing/painter";
 import { parseFrame, type FromWorker, type ToWorker } from "./telemetry-link";
-import type { TelemetryMessage } from "./types";
+import type { TelemetryMessage } from "../types";
 
 const PING_EVERY_MS = 1000;
 

@@ -1,7 +1,7 @@
 // The last seconds of every joint, commanded and measured.
 
 import type { App } from "./app";
-import type { Tick } from "./types";
+import type { Tick } from "../types";
 
 export interface Sample {
   t_s: number;

@@ -1,12 +1,11 @@
 // Control of the robot: this page's lease, kept by the teleop socket that goes with it.
 
-import { ApiError, api, useLease } from "./api";
-import type { App } from "./app";
-import { OperatorName } from "./operator-name";
-import { Cell } from "./store";
-import type { Lease, RobotState } from "./types";
+import { ApiError, api, useLease } from "../link/api";
+import { OperatorName } from "../basics/operator-name";
+import { Cell } from "../basics/store";
+import type { Lease, RobotState, Role } from "../types";
 
-/** Of control that is taken over, the new holder is known so soon after the drive's socket has closed. */
+/** After a takeover the state names the new holder within this time of the drive socket's closing. */
 const NEW_HOLDER_MS = 2000;
 
 /** How this page lost control without giving it back. */
@@ -17,16 +16,19 @@ export interface Loss {
 }
 
 export class LeaseKeeper {
-  /** The lease in hand; null without. */
+  /** This page's lease; null without control. */
   readonly current = new Cell<Lease | null>(null);
-  /** How control was lost last; null once this page has it again, or has been told enough. */
+  /** How control was lost last; null once this page has it again, or the banner was closed. */
   readonly loss = new Cell<Loss | null>(null);
   readonly name = new OperatorName();
   private asking: Promise<void> | null = null;
 
-  constructor(private readonly app: App) {
-    app.state.watch((state) => this.follow(state));
-    // A page that goes gives control back, and the robot stops.
+  constructor(
+    private readonly state: Cell<RobotState | null>,
+    private readonly role: Cell<Role>,
+  ) {
+    state.watch((state) => this.follow(state));
+    // A page that is left gives control back, and the robot stops.
     window.addEventListener("pagehide", () => {
       if (this.mine) void api.releaseControl().catch(() => undefined);
       this.hold(null);
@@ -37,7 +39,7 @@ export class LeaseKeeper {
     return this.current.get() !== null;
   }
 
-  /** Whether it is being asked for: the state may name this page's new lease before the answer is here. */
+  /** Whether it is being requested: the state may name this page's new lease before the answer arrives. */
   get pending(): boolean {
     return this.asking !== null;
   }
@@ -50,7 +52,7 @@ export class LeaseKeeper {
   }
 
   async take(over: boolean): Promise<void> {
-    if (this.app.role.get() !== "operator") throw new ApiError(403, "You are signed in to watch: you may press the emergency stop, nothing else.");
+    if (this.role.get() !== "operator") throw new ApiError(403, "You are signed in to watch: you may press the emergency stop, nothing else.");
     this.hold(await api.takeControl(this.name.text, over));
     this.loss.set(null);
   }
@@ -60,16 +62,16 @@ export class LeaseKeeper {
     this.hold(null);
   }
 
-  /** The server says that it is gone. */
+  /** The server has ended the lease. */
   lost(): void {
     const lease = this.current.get();
     if (lease === null) return;
-    const { id = null, holder = null } = this.app.state.get()?.control ?? {};
+    const { id = null, holder = null } = this.state.get()?.control ?? {};
     this.hold(null);
     this.loss.set({ by: id !== null && id > lease.id ? holder : null, at: new Date() });
   }
 
-  /** What the server says of control, which may come before or after the closed drive socket. */
+  /** Follow the state's holder of control; the state may come before or after the closing of the drive socket. */
   private follow(state: RobotState | null): void {
     const lease = this.current.get();
     const { id = null, holder = null } = state?.control ?? {};

@@ -1,6 +1,6 @@
 // A tiny trend line of the last seconds of one value.
 
-import { cssColour, fitCanvas } from "./dom";
+import { cssColour, fitCanvas } from "../basics/dom";
 
 export class Sparkline {
   readonly canvas: HTMLCanvasElement;

@@ -75,7 +75,7 @@ def create_app(settings: ServerSettings, announce: Callable[[str], None]) -> Fas
     async def lifespan(app: FastAPI) -> AsyncGenerator[None]:
         house = await asyncio.to_thread(_build, settings, auth, metrics, socket, limiter)
         app.state.house = house
-        house.live.listen(house.viewer.on_report)
+        house.live.subscribe(house.viewer.on_report)
         await house.live.start(house.spec, "sim", "simulator")
         app.state.keeper = keeper = Keeper(house)
         watching = [asyncio.create_task(keeper.watch()), asyncio.create_task(keeper.watch_sessions())]

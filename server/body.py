@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from server.live import View
+from server.view import View
 from snakeslam.messages import Float
 from snakeslam.robot.kinematics import link_poses_from_imu
 from snakeslam.robot.model import snake_model

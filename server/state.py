@@ -9,7 +9,8 @@ import numpy as np
 from server import models
 from server.body import body_links, heading_rad
 from server.lease import Desk
-from server.live import Live, View
+from server.live import Live
+from server.view import View
 from snakeslam.gaits.catalogue import PARAMETER_KINDS
 from snakeslam.head.settings import HeadSettings
 from snakeslam.messages import Float, GaitCommand, Health, Verdict

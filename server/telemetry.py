@@ -10,8 +10,9 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 from server import models, state
 from server.background import first_of
 from server.lease import Desk
-from server.live import Live, View
+from server.live import Live
 from server.metrics import Metrics
+from server.view import View
 from snakeslam.messages import MapChunk
 from snakeslam.runtime.bus.topics import Ended, Event, Features, Opening, Picture, Report, Started, Tick
 
@@ -67,7 +68,7 @@ class Telemetry:
         self._recent: deque[str] = deque(maxlen=MAX_EVENTS)
         self._news: dict[str, Any] = {}
         self._picture: Picture | None = None
-        live.listen(self._on_report)
+        live.subscribe(self._on_report)
 
     async def serve(self, socket: WebSocket) -> None:
         """Serve one websocket until either side ends it."""

@@ -11,7 +11,7 @@ import viser
 
 from server.background import attempt
 from server.body import USUAL_PERIOD_S, body_links, heading_rad, mean_path
-from server.live import View
+from server.view import View
 from server.viewer_host import start_viser, stop_viser
 from snakeslam.geometry import so3
 from snakeslam.mapping.detail import coarse_to_fine

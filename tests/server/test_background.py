@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from server.background import attempt, first_of, keep_on
-from server.live import Live, View
+from server.live import Live
 from server.runs import Run, RunRequest
+from server.view import View
 from server.viewer import Viewer
 from snakeslam.config import Config
 from snakeslam.messages import MapChunk
@@ -136,8 +137,8 @@ def test_a_listener_that_fails_keeps_no_report_from_the_others() -> None:
 
     async def start() -> None:
         live = Live(Config(), lambda *_: StillHost())
-        live.listen(bad)
-        live.listen(lambda report, _: heard.append(report))
+        live.subscribe(bad)
+        live.subscribe(lambda report, _: heard.append(report))
         await live.start(SessionSpec(Config()), "sim", "it")
         await live.stop()
 

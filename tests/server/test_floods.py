@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from server.bulk import MOST_EACH, Bulk, Made
-from server.live import MAX_PATH, Path3
+from server.timed_path import MAX_PATH, TimedPath
 from tests.server.running import START_S, VIEWER_TOKEN, Running, children, is_ready, start, wait_for
 
 LINES, FOLDERS, PLAYS = 40_000, 4, 12
@@ -106,7 +106,7 @@ def test_the_map_file_and_the_trajectory_are_whole(client: httpx.Client) -> None
 
 
 def test_a_path_is_written_as_it_comes() -> None:
-    path, T = Path3(), np.eye(4)
+    path, T = TimedPath(), np.eye(4)
     for k in range(MAX_PATH + 10):
         T[0, 3] = k
         path.add(k * 0.05, T)

@@ -11,9 +11,10 @@ import pytest
 import viser
 
 from server.body import body_links, heading_rad, mean_path
-from server.live import MAX_PATH, Path3, View
 from server.models import Body
 from server.state import body
+from server.timed_path import MAX_PATH, TimedPath
+from server.view import View
 from server.viewer import MAX_PATH_POINTS, Scene, capsule_mesh, path_segments
 from server.viewer_host import start_viser, stop_viser
 from snakeslam.config import Config
@@ -86,7 +87,7 @@ def test_a_long_path_is_drawn_with_few_segments_to_its_very_end() -> None:
 
 
 def test_a_path_of_a_day_stays_in_memory() -> None:
-    path, T = Path3(), np.eye(4)
+    path, T = TimedPath(), np.eye(4)
     for k in range(5 * MAX_PATH):
         path.add(k * 0.05, T)
     assert len(path.rows) <= MAX_PATH
@@ -96,7 +97,7 @@ def test_a_path_of_a_day_stays_in_memory() -> None:
 
 def test_a_rest_takes_no_detail_from_the_path_before_it() -> None:
     """A circle driven in 100 s, then a rest of 48 min: the circle is still round, in the rows and as drawn."""
-    path, T = Path3(), np.eye(4)
+    path, T = TimedPath(), np.eye(4)
     for k in range(60_000):
         angle = 2.0 * np.pi * min(k / 2000.0, 1.0)
         T[:3, 3] = np.cos(angle), np.sin(angle), 0.0

@@ -19,7 +19,7 @@ Lifespan = Callable[[FastAPI], AbstractAsyncContextManager[None]]
 
 
 def create_api(lifespan: Lifespan | None = None) -> FastAPI:
-    """Return an application with every route of the API; its handlers find what they need in ``app.state.house``."""
+    """Return an application with every route of the API; its handlers find what they need in ``app.state.services``."""
     app = FastAPI(
         title="snakeslam",
         version=version("snakeslam"),

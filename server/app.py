@@ -1,4 +1,4 @@
-"""The application: every room of the server put together."""
+"""The application: every part of the server put together."""
 
 import asyncio
 from collections.abc import AsyncGenerator, Callable
@@ -18,7 +18,7 @@ from server import docs, openapi, problem
 from server.api import create_api
 from server.auth import Auth, HostRule, checked_proxies, login_response, tokens_by_role
 from server.bulk import Bulk, Made
-from server.deps import House, Rooms
+from server.deps import Services, ServicesDep
 from server.guard import Guard
 from server.keeper import Keeper
 from server.lease import Desk
@@ -73,11 +73,11 @@ def create_app(settings: ServerSettings, announce: Callable[[str], None]) -> Fas
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncGenerator[None]:
-        house = await asyncio.to_thread(_build, settings, auth, metrics, socket, limiter)
-        app.state.house = house
-        house.live.subscribe(house.viewer.on_report)
-        await house.live.start(house.spec, "sim", "simulator")
-        app.state.keeper = keeper = Keeper(house)
+        services = await asyncio.to_thread(_build, settings, auth, metrics, socket, limiter)
+        app.state.services = services
+        services.live.subscribe(services.viewer.on_report)
+        await services.live.start(services.spec, "sim", "simulator")
+        app.state.keeper = keeper = Keeper(services)
         watching = [asyncio.create_task(keeper.watch()), asyncio.create_task(keeper.watch_sessions())]
         try:
             yield
@@ -85,10 +85,10 @@ def create_app(settings: ServerSettings, announce: Callable[[str], None]) -> Fas
             await keeper.hold()
             for task in watching:
                 task.cancel()
-            await asyncio.gather(house.runs.close(), house.live.stop())
+            await asyncio.gather(services.runs.close(), services.live.stop())
             await proxy.close()
-            await asyncio.to_thread(house.viewer.close)
-            house.bulk.close()
+            await asyncio.to_thread(services.viewer.close)
+            services.bulk.close()
             sessions.close()
 
     app = create_api(lifespan)
@@ -107,11 +107,11 @@ def create_app(settings: ServerSettings, announce: Callable[[str], None]) -> Fas
     return app
 
 
-def _build(settings: ServerSettings, auth: Auth, metrics: Metrics, socket: Path, limiter: Limiter) -> House:
+def _build(settings: ServerSettings, auth: Auth, metrics: Metrics, socket: Path, limiter: Limiter) -> Services:
     live, desk, bulk = Live(settings.spec.config), Desk(), Bulk()
     library = Library.of(list(settings.recordings))
     telemetry = Telemetry(live, desk, metrics)
-    return House(
+    return Services(
         auth=auth,
         config=settings.spec.config,
         spec=settings.spec,
@@ -140,13 +140,13 @@ def _own_pages(app: FastAPI, auth: Auth) -> APIRouter:
         return await login_response(auth, code, request)
 
     @router.get("/healthz")
-    async def _(house: Rooms) -> Response:  # pyright: ignore[reportUnusedFunction]
-        well = house.live.view.phase == "running" and house.live.view.message is None
+    async def _(services: ServicesDep) -> Response:  # pyright: ignore[reportUnusedFunction]
+        well = services.live.view.phase == "running" and services.live.view.message is None
         return Response("well\n" if well else "not well\n", HTTPStatus.OK if well else HTTPStatus.SERVICE_UNAVAILABLE)
 
     @router.get("/metrics")
-    async def _(house: Rooms) -> Response:  # pyright: ignore[reportUnusedFunction]
-        return Response(house.metrics.text(), media_type="text/plain; version=0.0.4; charset=utf-8")
+    async def _(services: ServicesDep) -> Response:  # pyright: ignore[reportUnusedFunction]
+        return Response(services.metrics.text(), media_type="text/plain; version=0.0.4; charset=utf-8")
 
     @router.get("/api/docs")
     async def _() -> Response:  # pyright: ignore[reportUnusedFunction]

@@ -24,7 +24,7 @@ PIECE_BYTES = 64 * 1024
 MOST_EACH, MOST_VIEWERS, MOST = 2, 6, 8
 """Answers at a time: to one credential, to all who only watch, and to all together."""
 THREADS = 2
-WAIT_S, LOOK_S = 1.0, 0.02
+WAIT_S, POLL_S = 1.0, 0.02
 RETRY_AFTER = {"Retry-After": "1"}
 
 
@@ -44,36 +44,36 @@ class Bulk:
         """End the threads."""
         self._executor.shutdown(wait=False, cancel_futures=True)
 
-    def free(self, who: Caller) -> bool:
-        """Whether ``who`` may have one more large answer now."""
-        viewer = who.role == "viewer"
+    def free(self, caller: Caller) -> bool:
+        """Whether ``caller`` may have one more large answer now."""
+        viewer = caller.role == "viewer"
         return (
-            self._running[who.identity] < MOST_EACH
+            self._running[caller.identity] < MOST_EACH
             and self._running.total() < MOST
             and not (viewer and self._viewers >= MOST_VIEWERS)
         )
 
-    async def wait_free(self, who: Caller) -> bool:
-        """Wait a moment until ``who`` may have one more; False when that takes too long."""
+    async def wait_free(self, caller: Caller) -> bool:
+        """Wait a moment until ``caller`` may have one more; False when that takes too long."""
         until_s = monotonic() + WAIT_S
-        while not self.free(who):
+        while not self.free(caller):
             if monotonic() > until_s:
                 return False
-            await asyncio.sleep(LOOK_S)
+            await asyncio.sleep(POLL_S)
         return True
 
     @contextmanager
-    def sending(self, who: Caller) -> Generator[None]:
-        """Count one answer to ``who`` meanwhile."""
-        self._running[who.identity] += 1
-        self._viewers += who.role == "viewer"
+    def sending(self, caller: Caller) -> Generator[None]:
+        """Count one answer to ``caller`` meanwhile."""
+        self._running[caller.identity] += 1
+        self._viewers += caller.role == "viewer"
         try:
             yield
         finally:
-            self._viewers -= who.role == "viewer"
-            self._running[who.identity] -= 1
-            if not self._running[who.identity]:
-                del self._running[who.identity]
+            self._viewers -= caller.role == "viewer"
+            self._running[caller.identity] -= 1
+            if not self._running[caller.identity]:
+                del self._running[caller.identity]
 
 
 class Made(Generic[T]):
@@ -102,14 +102,14 @@ class Made(Generic[T]):
 
 
 class BulkResponse(Response):
-    """A large answer to ``who``; 429 where they have too many of them under way."""
+    """A large answer to ``caller``; 429 where they have too many of them under way."""
 
     def __init__(
-        self, bulk: Bulk, who: Caller, content: Callable[[], Awaitable[bytes]], media_type: str, file_name: str = ""
+        self, bulk: Bulk, caller: Caller, content: Callable[[], Awaitable[bytes]], media_type: str, file_name: str = ""
     ) -> None:
         disposition = {"Content-Disposition": f'attachment; filename="{file_name}"'} if file_name else {}
         super().__init__(None, HTTPStatus.OK, disposition, media_type)
-        self._bulk, self._who, self._content = bulk, who, content
+        self._bulk, self._who, self._content = bulk, caller, content
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Send it."""

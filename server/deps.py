@@ -32,7 +32,7 @@ _log = structlog.get_logger("control")
 
 
 @dataclass(frozen=True, slots=True)
-class House:
+class Services:
     """Everything that the server is made of; ``spec`` is the simulator session it starts with."""
 
     auth: Auth
@@ -61,7 +61,7 @@ class House:
         self.desk.need(caller.lease_key, caller.identity)
         self.metrics.leased.set(1)
 
-    def tell_lease(self, lease: Lease, how: str, more: str = "") -> None:
+    def publish_lease(self, lease: Lease, how: str, more: str = "") -> None:
         """Say everywhere what became of the lease."""
         self.metrics.leases.labels(how).inc()
         self.metrics.leased.set(self.desk.lease is not None)
@@ -74,22 +74,22 @@ class House:
         self.sockets.end_session(session.identity)
         lease = self.desk.revoke(session.identity)
         if lease is not None:
-            self.tell_lease(lease, "signed out")
+            self.publish_lease(lease, "signed out")
             await self.stop_if_moving()
 
     async def stop_if_moving(self) -> None:
-        """Bring a robot that moves to rest."""
+        """Stop a robot that moves."""
         if self.live.moving:
             await self.live.command(Stop())
 
 
-def _house(connection: HTTPConnection) -> House:
-    return connection.app.state.house
+def _services(connection: HTTPConnection) -> Services:
+    return connection.app.state.services
 
 
 def _caller(connection: HTTPConnection) -> Caller:
     return connection.state.caller
 
 
-Rooms = Annotated[House, Depends(_house)]
-Who = Annotated[Caller, Depends(_caller)]
+ServicesDep = Annotated[Services, Depends(_services)]
+CallerDep = Annotated[Caller, Depends(_caller)]

@@ -1,7 +1,7 @@
-"""The edge of the server: connections that wait for nothing, and for nobody's sake keep others out.
+"""The limits of connections: how many there are, and how long one may be idle.
 
-uvicorn accepts whatever comes and waits for headers for ever; here connections are bounded, and who keeps one without
-asking loses it: strangers first, an operator last.
+uvicorn accepts every connection and waits for its headers without end. Here their number is bounded and idle ones are
+closed: first those of strangers, last those of operators.
 """
 
 import asyncio
@@ -16,7 +16,7 @@ from server.sessions import Role
 
 HEADER_S, IDLE_S, STALL_S = 10.0, 20.0, 20.0
 """Time for a request's head; between requests of those who are signed in; for a reader to take anything at all."""
-LOOK_S = 1.0
+POLL_S = 1.0
 MOST_CONNECTIONS, LEAST_CONNECTIONS = 512, 32
 MOST_EACH = 64
 """Connections with one credential that wait for a next request."""
@@ -35,7 +35,7 @@ def most_connections() -> int:
 
 
 @dataclass(slots=True, eq=False)
-class Place:
+class ConnectionState:
     """What is known of one connection; ``role`` and ``identity`` are those of its last request that was signed in."""
 
     connection: "EdgeProtocol"
@@ -48,77 +48,78 @@ class Place:
 
 
 @dataclass(slots=True)
-class Places:
+class Connections:
     """All connections, those that have waited longest first among those that wait."""
 
     most: int
-    all: dict[int, Place] = field(default_factory=dict)
+    all: dict[int, ConnectionState] = field(default_factory=dict)
 
-    def add(self, place: Place) -> None:
-        """Have a new connection; one that only waits has to go where there are too many."""
+    def add(self, state: ConnectionState) -> None:
+        """Add a new connection; where there are too many, one that is idle is closed."""
         if len(self.all) >= self.most:
             self._evict()
-        self.all[id(place.connection)] = place
+        self.all[id(state.connection)] = state
 
-    def signed_in(self, place: Place, role: Role, identity: str) -> None:
-        """Note who asks over a connection; too many of one credential cost its oldest."""
-        if place.identity == identity:
+    def signed_in(self, state: ConnectionState, role: Role, identity: str) -> None:
+        """Note who uses a connection; with too many of one credential its oldest is closed."""
+        if state.identity == identity:
             return
-        place.role, place.identity = role, identity
+        state.role, state.identity = role, identity
         own = [other for other in self.all.values() if other.identity == identity]
         if len(own) > MOST_EACH:
             self._drop(next((other for other in own if not other.busy), None))
 
-    def look(self, now_s: float) -> None:
-        """Drop whoever has waited too long, or takes nothing of what is sent."""
-        for place in list(self.all.values()):
-            patience_s = HEADER_S if place.role is None else IDLE_S
-            waited = not place.busy and now_s - place.waits_s > patience_s
-            if waited or (place.stalled_s is not None and now_s - place.stalled_s > STALL_S):
-                self._drop(place)
+    def close_idle(self, now_s: float) -> None:
+        """Close the connections that have been idle for too long, or that receive nothing of what is sent."""
+        for state in list(self.all.values()):
+            patience_s = HEADER_S if state.role is None else IDLE_S
+            waited = not state.busy and now_s - state.waits_s > patience_s
+            if waited or (state.stalled_s is not None and now_s - state.stalled_s > STALL_S):
+                self._drop(state)
 
     def _evict(self) -> None:
-        """Drop the connection that has waited longest: a stranger's, else that of one who watches, else any."""
+        """Close the connection that has been idle longest: a stranger's, else a viewer's, else any."""
         for role in (None, "viewer", "operator"):
-            waiting = (place for place in self.all.values() if place.role == role and not place.busy)
-            if (place := _oldest(waiting)) is not None:
+            waiting = (state for state in self.all.values() if state.role == role and not state.busy)
+            if (state := _oldest(waiting)) is not None:
                 break
         else:
             # Strangers whose requests are answered slowly on purpose.
-            place = _oldest(place for place in self.all.values() if place.role is None)
-        self._drop(place)
+            state = _oldest(state for state in self.all.values() if state.role is None)
+        self._drop(state)
 
-    def _drop(self, place: Place | None) -> None:
-        """Close a connection; its place is free at once, though its last event comes later."""
-        if place is not None:
-            self.all.pop(id(place.connection), None)
-            place.connection.transport.abort()
-
-
-def _oldest(places: Iterator[Place]) -> Place | None:
-    return min(places, key=lambda place: place.waits_s, default=None)
+    def _drop(self, state: ConnectionState | None) -> None:
+        """Close a connection; it no longer counts from now on, though its last event comes later."""
+        if state is not None:
+            self.all.pop(id(state.connection), None)
+            state.connection.transport.abort()
 
 
-def protocol_with(places: Places) -> type["EdgeProtocol"]:
-    """Return the protocol class whose connections have these ``places``."""
-    return type("BoundedProtocol", (EdgeProtocol,), {"places": places})
+def _oldest(connections: Iterator[ConnectionState]) -> ConnectionState | None:
+    return min(connections, key=lambda state: state.waits_s, default=None)
+
+
+def protocol_with(connections: Connections) -> type["EdgeProtocol"]:
+    """Return the protocol class whose connections are among ``connections``."""
+    return type("BoundedProtocol", (EdgeProtocol,), {"known": connections})
 
 
 class EdgeProtocol(H11Protocol):
-    """uvicorn's HTTP protocol with a place among ``Places``."""
+    """uvicorn's HTTP protocol, each connection known to ``Connections``."""
 
-    places: Places
+    known: Connections
+    """All connections of the server; the name must not be one that uvicorn's protocol has."""
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Take a place."""
+        """Add the connection."""
         super().connection_made(transport)
-        self.place = Place(self, monotonic())
-        self.app_state = {**self.app_state, "place": self.place}
-        self.places.add(self.place)
+        self.edge = ConnectionState(self, monotonic())
+        self.app_state = {**self.app_state, "edge": self.edge}
+        self.known.add(self.edge)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Give the place back."""
-        self.places.all.pop(id(self), None)
+        """Remove the connection."""
+        self.known.all.pop(id(self), None)
         super().connection_lost(exc)
 
     def handle_events(self) -> None:
@@ -126,24 +127,24 @@ class EdgeProtocol(H11Protocol):
         before = self.cycle
         super().handle_events()
         if self.cycle is not before:
-            self.place.busy = not self.cycle.response_complete
+            self.edge.busy = not self.cycle.response_complete
 
     def handle_websocket_upgrade(self, event: object) -> None:
         """Websockets have limits of their own."""
-        self.places.all.pop(id(self), None)
+        self.known.all.pop(id(self), None)
         super().handle_websocket_upgrade(event)  # type: ignore[arg-type]
 
     def on_response_complete(self) -> None:
         """Wait for the next request."""
-        self.place.busy, self.place.waits_s = False, monotonic()
+        self.edge.busy, self.edge.waits_s = False, monotonic()
         super().on_response_complete()
 
     def pause_writing(self) -> None:
-        """Note that the other side takes nothing."""
-        self.place.stalled_s = monotonic()
+        """Note that the other side receives nothing."""
+        self.edge.stalled_s = monotonic()
         super().pause_writing()
 
     def resume_writing(self) -> None:
         """Note that it does again."""
-        self.place.stalled_s = None
+        self.edge.stalled_s = None
         super().resume_writing()

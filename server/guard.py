@@ -42,9 +42,9 @@ class Guard:
             return
         connection = HTTPConnection(scope)
         caller = self._auth.caller(connection)
-        place = connection.scope.get("state", {}).get("place")
-        if place is not None and caller is not None and scope["type"] == "http":
-            place.connection.places.signed_in(place, caller.role, caller.identity)
+        edge = connection.scope.get("state", {}).get("edge")
+        if edge is not None and caller is not None and scope["type"] == "http":
+            edge.connection.known.signed_in(edge, caller.role, caller.identity)
         if scope["type"] == "http":
             send = _with_security_headers(send)
         refusal = self._refusal(connection, caller)

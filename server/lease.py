@@ -30,7 +30,7 @@ class Lease:
 
 
 class Desk:
-    """Gives the lease out; ``on_change`` hears of every new holder, and of none."""
+    """Grants the lease; ``on_change`` is called for every new holder, and when there is none."""
 
     def __init__(self, clock: Callable[[], float] = monotonic) -> None:
         self._clock = clock
@@ -39,7 +39,7 @@ class Desk:
         self._count = 0
         self._listeners: list[Callable[[], None]] = []
 
-    def listen(self, on_change: Callable[[], None]) -> None:
+    def subscribe(self, on_change: Callable[[], None]) -> None:
         """Call ``on_change`` after every change of the holder."""
         self._listeners.append(on_change)
 
@@ -58,7 +58,7 @@ class Desk:
         lease = self.lease
         return lease is not None and key is not None and secrets.compare_digest(lease.key.encode(), key.encode())
 
-    def take(self, holder: str, seconds: float = RENEWED_S, *, over: bool = False, identity: str = "") -> Lease:
+    def grant(self, holder: str, seconds: float = RENEWED_S, *, over: bool = False, identity: str = "") -> Lease:
         """Return a new lease; Problem while another has it, unless it is taken ``over``.
 
         What a script of this ``identity`` holds unasked is its own.
@@ -124,13 +124,13 @@ class Desk:
         self._count += 1
         self._lease = lease = Lease(self._count, key, holder, seconds, identity)
         self._until_s = self._clock() + seconds
-        self._tell()
+        self._publish()
         return lease
 
     def _end(self) -> None:
         self._lease = None
-        self._tell()
+        self._publish()
 
-    def _tell(self) -> None:
+    def _publish(self) -> None:
         for listener in self._listeners:
             listener()

@@ -26,7 +26,7 @@ class Rates:
     write: Rate = Rate(60.0, 30.0)
     sign_in: Rate = Rate(10.0, 0.5)
     teleop: Rate = Rate(300.0, 60.0)
-    """What has waited in the socket while the server stood still for some seconds must not cut the operator off."""
+    """What waited in the socket while the server was frozen for some seconds must not disconnect the operator."""
 
 
 DEFAULT_RATES = Rates()
@@ -38,7 +38,7 @@ class Bucket:
     def __init__(self, rate: Rate, now_s: float) -> None:
         self._rate, self._tokens, self._at_s = rate, rate.burst, now_s
 
-    def take(self, now_s: float) -> bool:
+    def spend(self, now_s: float) -> bool:
         """Take a token; False when there is none."""
         self._tokens = min(self._rate.burst, self._tokens + (now_s - self._at_s) * self._rate.per_s)
         self._at_s = now_s
@@ -66,7 +66,7 @@ class Limiter:
         if bucket is None:
             self._forget(now_s)
             bucket = self._buckets[kind, caller] = Bucket(getattr(self._rates, kind), now_s)
-        return bucket.take(now_s)
+        return bucket.spend(now_s)
 
     def _forget(self, now_s: float) -> None:
         """Keep the number of buckets bounded, those in use first."""

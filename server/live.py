@@ -99,8 +99,8 @@ class Live:
     def latched(self) -> bool:
         """Whether the robot itself has said that its E-stop is latched, and nobody is clearing it."""
         tick = self.view.tick
-        told = self.view.phase == "running" and tick is not None and tick.estop_reason is not None
-        return told and self._estop.reason is not None and not self._resetting
+        reported = self.view.phase == "running" and tick is not None and tick.estop_reason is not None
+        return reported and self._estop.reason is not None and not self._resetting
 
     async def estop(self, reason: str) -> bool:
         """Latch the E-stop here, for every session to come, and in the one that runs; return whether that confirmed it.
@@ -144,7 +144,7 @@ class Live:
         if self.view.phase == "running":
             await self._send(link, command)
         else:
-            # Not there yet: it hears of it when it is (the host sees to that, or ``start`` does).
+            # Not there yet: it gets the command when it is (from the host, or from ``start``).
             with contextlib.suppress(OSError):
                 link.host.send(command)
 
@@ -177,7 +177,7 @@ class Live:
 
     @property
     def moving(self) -> bool:
-        """Whether the robot is told to move."""
+        """Whether the robot is commanded to move."""
         return self.view.phase == "running" and self.view.tick is not None and self.view.tick.moving
 
     def gait(self) -> GaitCommand:

@@ -1,4 +1,4 @@
-"""Start the dashboard: bind, announce the sign-in URL, serve until told to stop."""
+"""Start the dashboard: bind, announce the sign-in URL, serve until a signal ends it."""
 
 import errno
 import secrets
@@ -15,7 +15,7 @@ from fastapi import FastAPI
 
 from server.app import ServerSettings, create_app
 from server.auth import TOKEN_VARIABLE, token_from_environment, viewer_token_from_environment
-from server.edge import BACKLOG, Places, most_connections, protocol_with
+from server.edge import BACKLOG, Connections, most_connections, protocol_with
 from server.logs import configure_logs
 from snakeslam.claims import temporary_folder
 from snakeslam.config import Config
@@ -26,8 +26,8 @@ from snakeslam.runtime.bus.socket_path import check_room_for_sockets
 from snakeslam.runtime.process.priority import set_server_priority
 
 GRACE_S = 2
-PLACES_EVERY = 10
-"""In tenths of a second: how often connections that wait too long are looked for."""
+CONNECTIONS_EVERY = 10
+"""In tenths of a second: how often idle connections are searched for."""
 SWITCH_S = 0.0005
 """So soon another thread has its turn: those of the bus and the event loop must not wait for one that computes."""
 MAX_MESSAGE_BYTES = 64 * 1024
@@ -58,13 +58,13 @@ def bind(host: str, port: int) -> socket.socket:
 class _Server(uvicorn.Server):
     """Says when it is ready; brings the robot to a hold before it lets its clients go."""
 
-    def __init__(self, app: FastAPI, places: Places, ready: Callable[[], None]) -> None:
-        super().__init__(_uvicorn(app, places))
-        self._app, self._places, self._ready = app, places, ready
+    def __init__(self, app: FastAPI, connections: Connections, ready: Callable[[], None]) -> None:
+        super().__init__(_uvicorn(app, connections))
+        self._app, self._connections, self._ready = app, connections, ready
 
     async def on_tick(self, counter: int) -> bool:
-        if counter % PLACES_EVERY == 0:
-            self._places.look(monotonic())
+        if counter % CONNECTIONS_EVERY == 0:
+            self._connections.close_idle(monotonic())
         return await super().on_tick(counter)
 
     async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
@@ -101,17 +101,17 @@ def serve(config: Config, *, host: str, port: int, recordings: list[Path], spec:
             _say(f"Token for scripts: {hint}")
             _say(f"Open {url}/login?code={app.state.auth.code}")
 
-        server = _Server(app, Places(most_connections()), ready)
+        server = _Server(app, Connections(most_connections()), ready)
         with _quiet_signals():
             server.run(sockets=[listener])
         if not server.started:
             raise SnakeslamError("the server did not start; the lines above say why")
 
 
-def _uvicorn(app: FastAPI, places: Places) -> uvicorn.Config:
+def _uvicorn(app: FastAPI, connections: Connections) -> uvicorn.Config:
     return uvicorn.Config(
         app,
-        http=protocol_with(places),
+        http=protocol_with(connections),
         backlog=BACKLOG,
         log_config=None,
         ws_per_message_deflate=False,

@@ -34,7 +34,7 @@ class Metrics:
         self.realtime = self._gauge("realtime_factor", "Backend time over wall time")
         self.frame_rate = self._gauge("frame_rate_hz", "Camera frames a second")
         self.ticks = self._counter("ticks", "Ticks from the session")
-        self.pictures = self._counter("pictures", "Pictures from the session")
+        self.images = self._counter("pictures", "Camera images from the session")
 
     def _estimator(self) -> None:
         self.verdict = Gauge("snakeslam_verdict", "1 for the estimator's verdict", ["verdict"], registry=self.registry)
@@ -45,14 +45,14 @@ class Metrics:
         self.yaw_rms = self._gauge("head_yaw_rms_deg", "RMS of the head's yaw over a period, NaN where not known")
 
     def _control(self) -> None:
-        self.moving = self._gauge("moving", "1 while the robot is told to move")
+        self.moving = self._gauge("moving", "1 while the robot is commanded to move")
         self.governed = self._gauge("governed_pace", "Share of the pace that the governor allows, NaN without")
         self.drive_now = self._gauge("drive", "Drive in force, -1 to 1")
         self.estop = self._gauge("estop_latched", "1 while the E-stop is latched")
         self.leased = self._gauge("lease_held", "1 while somebody has control")
         self.leases = self._counter("leases", "Changes of the lease", "how")
         self.drive = self._counter("drive_inputs", "Messages of drive input by what became of them", "outcome")
-        self.command_s = self._histogram("drive_seconds", "From drive input to the session's word that it obeyed")
+        self.command_s = self._histogram("drive_seconds", "From drive input to the session's answer that it was obeyed")
         self.drivers = self._gauge("teleop_clients", "Open teleop websockets")
 
     def _link(self) -> None:

@@ -258,4 +258,4 @@ class ImageHeader(Answer):
 
 
 TelemetryMessage = StateMessage | Tick | TimelineEvent | Features | Pong
-"""The JSON messages of /telemetry, told apart by ``type``."""
+"""The JSON messages of /telemetry, distinguished by ``type``."""

@@ -50,8 +50,8 @@ class Observe:
         caller = scope.get("state", {}).get("caller")
         who = "stranger" if caller is None else f"{caller.role} {caller.identity}"
         asked = {"method": scope["method"][:MOST_CHARS], "path": scope["path"][:MOST_CHARS]}
-        told = {**asked, "status": status, "ms": round(seconds * 1e3, 1)}
-        (_log.info if status < 500 else _log.error)("request", who=who, **told)
+        entry = {**asked, "status": status, "ms": round(seconds * 1e3, 1)}
+        (_log.info if status < 500 else _log.error)("request", who=who, **entry)
 
 
 def _template(scope: Scope) -> str:

@@ -63,7 +63,7 @@ MESSAGES: dict[str, tuple[Any, Literal["validation", "serialization"]]] = {
     "TeleopInput": (TeleopInput, "validation"),
     "TeleopAnswer": (TeleopAnswer, "serialization"),
 }
-"""What goes over the websockets, for which OpenAPI has no place of its own: components of the schema."""
+"""What goes over the websockets, which OpenAPI cannot describe: components of the schema."""
 PROBLEM: dict[str, Any] = {
     "title": "Problem",
     "description": "RFC 9457; detail is one line: where, what, and what is allowed.",
@@ -135,7 +135,7 @@ def install(app: FastAPI) -> None:
 
 
 def describe(schema: dict[str, Any]) -> dict[str, Any]:
-    """Return ``schema`` with every refusal, file and way to sign in."""
+    """Return ``schema`` with every refusal, every file and the two kinds of sign-in."""
     components = schema.setdefault("components", {})
     kinds = components.setdefault("schemas", {})
     for name in ("HTTPValidationError", "ValidationError"):

@@ -22,7 +22,7 @@ DEFAULT_FOLDERS = (Path("recordings"), Path("../shared/data"))
 
 @dataclass(frozen=True, slots=True)
 class Library:
-    """Finds recordings below folders, anew at each look."""
+    """Finds recordings below folders, anew for each listing."""
 
     folders: tuple[Path, ...]
 

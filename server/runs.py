@@ -1,6 +1,6 @@
 """Scripted runs over the API: the command line in a subprocess of low priority, one at a time, in order.
 
-Whatever happens to one run is told as its failure, and the next one goes on.
+Whatever goes wrong with one run is recorded as its failure, and the next one is started.
 """
 
 import asyncio
@@ -247,7 +247,7 @@ class Runs:
         return sys.executable, "-m", "server.run_child", *run.arguments()
 
     async def _work(self) -> None:
-        """Do the next run; one that cannot be done has failed, and is told as that."""
+        """Do the next run; one that cannot be done is recorded as failed."""
         run = await self._waiting.get()
         if run.state != "queued":
             return
@@ -281,7 +281,7 @@ class Runs:
         _conclude(run, code, out[0] if out else "")
 
 
-async def _lines(stream: asyncio.StreamReader, take: Callable[[str], None]) -> None:
+async def _lines(stream: asyncio.StreamReader, on_line: Callable[[str], None]) -> None:
     """Hand on each line that is not empty; of one that is too long, its end."""
     rest = b""
     while data := await stream.read(LONGEST_LINE):
@@ -289,9 +289,9 @@ async def _lines(stream: asyncio.StreamReader, take: Callable[[str], None]) -> N
         rest = rest[-LONGEST_LINE:]
         for line in lines:
             if text := _text(line):
-                take(text)
+                on_line(text)
     if text := _text(rest):
-        take(text)
+        on_line(text)
 
 
 def _text(line: bytes) -> str:

@@ -190,5 +190,5 @@ def _salt(file: sqlite3.Connection) -> bytes:
 
 
 def _token_digest(token: str, salt: bytes) -> bytes:
-    """Return what tells in the file which token opened a session; slow to guess the token from."""
+    """Return the mark by which the file names the token that opened a session; slow to guess the token from."""
     return hashlib.scrypt(token.encode(), salt=salt, n=SCRYPT_N, r=SCRYPT_R, p=SCRYPT_P)

@@ -39,7 +39,7 @@ class _Open:
     """One open socket; ``end`` gets the code and the words with which it is to be closed."""
 
     kind: Kind
-    who: Caller
+    caller: Caller
     number: int
     end: "asyncio.Future[tuple[int, str]]"
 
@@ -49,7 +49,7 @@ class _Open:
 
 
 class Sockets:
-    """Admits websockets; an operator always gets in, in the place of the oldest of those who only watch."""
+    """Admits websockets; an operator is always admitted; where it is full, the oldest viewer's is closed."""
 
     def __init__(self, metrics: Metrics) -> None:
         self._metrics = metrics
@@ -58,17 +58,17 @@ class Sockets:
         self._giving_back = False
 
     async def serve(
-        self, kind: Kind, socket: WebSocket, who: Caller, handler: Callable[[WebSocket], Awaitable[None]]
+        self, kind: Kind, socket: WebSocket, caller: Caller, handler: Callable[[WebSocket], Awaitable[None]]
     ) -> None:
         """Run ``handler`` until it ends, or until the socket has to go."""
-        refusal = self._refusal(kind, who)
+        refusal = self._refusal(kind, caller)
         if refusal is not None:
             self._metrics.limited.labels(kind).inc()
             await _accept(socket)  # A close code only reaches a client whose handshake was accepted.
             await socket.close(TOO_MANY, refusal)
             return
         number = next(self._numbers)
-        entry = self._open[number] = _Open(kind, who, number, asyncio.get_running_loop().create_future())
+        entry = self._open[number] = _Open(kind, caller, number, asyncio.get_running_loop().create_future())
         handling = asyncio.ensure_future(handler(socket))
         try:
             await asyncio.wait({handling, entry.end}, return_when=asyncio.FIRST_COMPLETED)
@@ -83,7 +83,7 @@ class Sockets:
     def end_session(self, identity: str) -> None:
         """Close every socket of a credential that is no longer good."""
         for entry in self._open.values():
-            if entry.who.identity == identity:
+            if entry.caller.identity == identity:
                 entry.close(SIGNED_OUT, "signed out")
 
     def _give_back_soon(self) -> None:
@@ -96,13 +96,13 @@ class Sockets:
         self._giving_back = False
         asyncio.get_running_loop().run_in_executor(None, _trim_heap)
 
-    def _refusal(self, kind: Kind, who: Caller) -> str | None:
-        """Return why one more socket is too many; an operator's takes the place of another one."""
+    def _refusal(self, kind: Kind, caller: Caller) -> str | None:
+        """Return why one more socket is too many; an operator's replaces another one."""
         limit = LIMITS[kind]
         same = [entry for entry in self._open.values() if entry.kind == kind and not entry.end.done()]
-        own = [entry for entry in same if entry.who.identity == who.identity]
-        watching = [entry for entry in same if entry.who.role == "viewer"]
-        if who.role == "viewer":
+        own = [entry for entry in same if entry.caller.identity == caller.identity]
+        watching = [entry for entry in same if entry.caller.role == "viewer"]
+        if caller.role == "viewer":
             if len(own) >= limit.each:
                 return f"you have {limit.each} of these open already"
             full = len(watching) >= limit.viewers or len(same) >= limit.total
@@ -129,7 +129,7 @@ async def _accept(socket: WebSocket) -> None:
 
 
 async def _finish(handling: "asyncio.Future[None]") -> None:
-    """Let a handler clean up; what went wrong in it goes on, but not that it was told to end."""
+    """Let a handler clean up; what went wrong in it goes on, except its own cancellation."""
     if not handling.done():
         handling.cancel()
         await asyncio.wait({handling})

@@ -1,4 +1,4 @@
-"""The telemetry websocket: every client gets the newest state, tick and picture; a slow one gets fewer."""
+"""The telemetry websocket: every client gets the newest state, tick and image; a slow one gets fewer."""
 
 import asyncio
 import re
@@ -19,7 +19,7 @@ from snakeslam.runtime.bus.topics import Ended, Event, Features, Opening, Pictur
 MAX_EVENTS = 100
 STALLED_S = 15.0
 PING = re.compile(r'\{"type":"ping","t_ms":(\d{1,15}(?:\.\d{1,9})?)\}')
-# What changes at every tick is no news of its own.
+# Fields that change at every tick do not count as a change of the state.
 NOT_NEWS = ("t_s", "realtime_factor", "health", "head", "playback")
 
 
@@ -49,7 +49,7 @@ class Client:
         self._changed.set()
 
     async def next(self) -> list[str | bytes]:
-        """Wait for messages and take them: state first, then events, tick, picture."""
+        """Wait for messages and take them: state first, then events, tick, image."""
         await self._changed.wait()
         self._changed.clear()
         first = [self._newest.pop("state")] if "state" in self._newest else []
@@ -67,7 +67,7 @@ class Telemetry:
         self._clients: set[Client] = set()
         self._recent: deque[str] = deque(maxlen=MAX_EVENTS)
         self._news: dict[str, Any] = {}
-        self._picture: Picture | None = None
+        self._image: Picture | None = None
         live.subscribe(self._on_report)
 
     async def serve(self, socket: WebSocket) -> None:
@@ -77,8 +77,8 @@ class Telemetry:
         client.put("state", self._state_text())
         for text in self._recent:
             client.put_event(text)
-        if (picture := self._picture_that_stays) is not None:
-            client.put("picture", picture)
+        if (image := self._lasting_image) is not None:
+            client.put("image", image)
         self._clients.add(client)
         self._metrics.clients.set(len(self._clients))
         try:
@@ -88,39 +88,39 @@ class Telemetry:
             self._metrics.clients.set(len(self._clients))
 
     @property
-    def _picture_that_stays(self) -> bytes | None:
+    def _lasting_image(self) -> bytes | None:
         """The newest image of a recording, which may be paused: no other may follow. A robot's image must be fresh."""
         view = self._live.view
         recording = view.tick is not None and view.tick.playback is not None
-        return state.image_bytes(view, self._picture) if recording and self._picture is not None else None
+        return state.image_bytes(view, self._image) if recording and self._image is not None else None
 
-    def tell_state(self) -> None:
-        """Send the state to all, as after something changed that no report tells."""
+    def publish_state(self) -> None:
+        """Send the state to all clients, as after a change that no report carries."""
         self._news = self._news_of()
         text = self._state_text()
         for client in self._clients:
             client.put("state", text)
 
     def say(self, level: str, text: str) -> None:
-        """Write words of the server's own on the timeline, and tell the state that goes with them."""
+        """Add a line of the server's own to the timeline, and publish the state that goes with it."""
         view = self._live.view
         t_ns = 0 if view.tick is None else view.tick.t_ns
         self._event(state.timeline_event(view, Event(t_ns, level, text)).model_dump_json())
-        self.tell_state()
+        self.publish_state()
 
     def _on_report(self, report: Report, view: View) -> None:
         if isinstance(report, Tick):
             self._metrics.on_tick(report)
             self._broadcast("tick", state.tick_message(view, report).model_dump_json())
         elif isinstance(report, Opening):
-            self._picture = None
+            self._image = None
             for client in self._clients:
                 client.forget()
         elif isinstance(report, Picture):
-            self._metrics.pictures.inc()
-            self._picture = report
+            self._metrics.images.inc()
+            self._image = report
             if self._clients:
-                self._broadcast("picture", state.image_bytes(view, report))
+                self._broadcast("image", state.image_bytes(view, report))
         elif isinstance(report, Features):
             self._broadcast("features", state.features_message(view, report).model_dump_json())
         elif isinstance(report, Event):
@@ -131,7 +131,7 @@ class Telemetry:
             self.say(level, text)
         self._metrics.on_phase(view.phase)
         if isinstance(report, Opening | Started | Ended | Event) or self._has_news(report):
-            self.tell_state()
+            self.publish_state()
 
     def _has_news(self, report: Report) -> bool:
         return not isinstance(report, MapChunk | Picture | Features) and self._news_of() != self._news
@@ -169,7 +169,7 @@ async def _until_closed(socket: WebSocket, client: Client) -> None:
 
 
 async def _send_all(socket: WebSocket, client: Client) -> None:
-    """Send what comes; a client that takes nothing for STALLED_S is let go."""
+    """Send what is queued; a client that receives nothing for STALLED_S is disconnected."""
     try:
         while True:
             for message in await client.next():

@@ -1,4 +1,4 @@
-"""The teleop websocket: drive input while it is held, checked for lease, order and age; silence and closing let go."""
+"""The teleop websocket: drive input while it is held, checked for lease, order and age; silence or closing releases."""
 
 import asyncio
 import contextlib
@@ -12,8 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from server.background import first_of
-from server.hand import Hand
-from server.hand import Input as HandInput
+from server.deadman import Deadman, DriveSample
 from server.lease import Desk
 from server.limits import Bucket, Rate
 from server.live import Live
@@ -23,7 +22,7 @@ from server.problem import Problem
 from snakeslam.runtime.bus.commands import Drive, Stop
 
 MAX_CHARS = 512
-LOOK_S = 0.05
+POLL_S = 0.05
 LEASES_KEPT = 64
 LOST_CONTROL, TOO_MUCH, BAD_MESSAGE = 4001, 4002, 4003
 _log = structlog.get_logger("teleop")
@@ -86,7 +85,7 @@ class Refused(Answer):
 
 TeleopInput = Hello | Ping | DriveInput
 TeleopAnswer = Ready | Pong | Done | Refused
-"""The messages of /teleop, told apart by ``type``."""
+"""The messages of /teleop, distinguished by ``type``."""
 
 _MESSAGE: TypeAdapter[Ping | DriveInput] = TypeAdapter(Annotated[Ping | DriveInput, Field(discriminator="type")])
 
@@ -98,11 +97,11 @@ class Teleop:
         self._live, self._desk, self._metrics, self._rate = live, desk, metrics, rate
         self._drivers: set[Driver] = set()
         self._held_down: dict[str, None] = {}
-        """Leases whose last socket ended with the drive held down: the next one must let go first."""
-        desk.listen(self._on_change)
+        """Leases whose last socket ended with the drive held down: the next one must release it first."""
+        desk.subscribe(self._on_change)
 
     async def serve(self, socket: WebSocket) -> None:
-        """Serve one websocket until either side ends it, then let go."""
+        """Serve one websocket until either side ends it, then release the drive."""
         await socket.accept()
         bucket = Bucket(self._rate, monotonic())
         driver = Driver(socket, self._live, self._desk, self._metrics, bucket, self._is_held_down)
@@ -146,7 +145,7 @@ class Driver:
     ) -> None:
         self._socket, self._live, self._desk, self._metrics = socket, live, desk, metrics
         self._bucket = bucket
-        self._hand, self._name = Hand(), uuid4().hex[:8]
+        self._deadman, self._name = Deadman(), uuid4().hex[:8]
         self._is_held_down = is_held_down
         self.key: str | None = None
         self._newest: DriveInput | None = None
@@ -155,8 +154,8 @@ class Driver:
 
     @property
     def pressed(self) -> bool:
-        """Whether the drive is held down, as far as this socket has heard."""
-        return self._hand.pressed
+        """Whether the drive is held down, as far as this socket has received."""
+        return self._deadman.pressed
 
     def wake(self) -> None:
         """Look at once whether anything has changed."""
@@ -167,19 +166,19 @@ class Driver:
         try:
             await first_of("a teleop socket", self._read(), self._write())
         finally:
-            await self._let_go("the operator's page has gone")
+            await self._release("the operator's page has gone")
             self._desk.hurry(self.key)
 
     async def _read(self) -> None:
         with contextlib.suppress(WebSocketDisconnect, RuntimeError):
-            while await self._take(await self._socket.receive()):
+            while await self._on_message(await self._socket.receive()):
                 pass
 
-    async def _take(self, message: Any) -> bool:
+    async def _on_message(self, message: Any) -> bool:
         """Judge one message; False when the socket is over."""
         if message["type"] == "websocket.disconnect":
             return False
-        if not self._bucket.take(monotonic()):
+        if not self._bucket.spend(monotonic()):
             return await self._close(TOO_MUCH, "too many messages")
         text = message.get("text") or ""
         if self.key is None:
@@ -203,19 +202,19 @@ class Driver:
             return await self._close(BAD_MESSAGE, "say hello with your lease first")
         if not self._desk.holds(key):
             return await self._close(LOST_CONTROL, "you do not have control")
-        self._hand.pressed = self._is_held_down(key)
+        self._deadman.pressed = self._is_held_down(key)
         self.key = key
         await self._answer(Ready())
         return True
 
     async def _ping(self, ping: Ping) -> None:
-        self._hand.synchronise(ping.t_ms * 1e-3, monotonic())
+        self._deadman.synchronise(ping.t_ms * 1e-3, monotonic())
         if self._desk.holds(self.key):
             self._desk.renew(self.key)
         await self._answer(Pong(t_ms=ping.t_ms))
 
     def _judge(self, given: DriveInput) -> None:
-        why = self._hand.take(HandInput(given.seq, given.t_ms * 1e-3, given.drive, given.turn), monotonic())
+        why = self._deadman.add(DriveSample(given.seq, given.t_ms * 1e-3, given.drive, given.turn), monotonic())
         self._metrics.drive.labels(why or "taken").inc()
         if why is None:
             self._newest = given
@@ -225,14 +224,14 @@ class Driver:
         with contextlib.suppress(WebSocketDisconnect, RuntimeError):
             while True:
                 with contextlib.suppress(TimeoutError):
-                    await asyncio.wait_for(self._changed.wait(), LOOK_S)
+                    await asyncio.wait_for(self._changed.wait(), POLL_S)
                 self._changed.clear()
                 if self.key is not None and not self._desk.holds(self.key):
-                    await self._let_go("control was lost")
+                    await self._release("control was lost")
                     await self._close(LOST_CONTROL, "you no longer have control")
                     return
-                if self._hand.silent(monotonic()):
-                    await self._let_go("the drive input fell silent")
+                if self._deadman.silent(monotonic()):
+                    await self._release("the drive input fell silent")
                 elif self._newest is not None:
                     await self._obey()
 
@@ -240,35 +239,35 @@ class Driver:
         """Hand the newest input on; it answers when the session has obeyed."""
         given, self._newest = self._newest, None
         assert given is not None
-        begins = self._hand.take_begins()
-        refusal = await self._command(Drive(self._hand.drive, self._hand.turn, self._name, begins))
+        begins = self._deadman.pop_begins()
+        refusal = await self._command(Drive(self._deadman.drive, self._deadman.turn, self._name, begins))
         if refusal is None:
             await self._answer(Done(seq=given.seq, t_ms=given.t_ms))
         else:
             await self._answer(Refused(seq=given.seq, t_ms=given.t_ms, detail=refusal))
 
     async def _command(self, command: Drive | Stop) -> str | None:
-        """Drive or stop, by what the hand last said; return why it was refused."""
+        """Drive or stop by the newest input; return why it was refused."""
         started = monotonic()
         try:
             self._moves = isinstance(command, Drive) and command.drive != 0.0
             if self._moves:
                 self._live.need_drive()
-            await self._live.command(command, self._hand.taken_s if self._moves else None)
+            await self._live.command(command, self._deadman.received_s if self._moves else None)
         except Problem as problem:
-            self._hand.release()
+            self._deadman.release()
             # Input that came meanwhile would be sent as a zero now, which the robot would take for a release.
             self._newest = None
             return problem.detail
         self._metrics.command_s.observe(monotonic() - started)
         return None
 
-    async def _let_go(self, why: str) -> None:
-        """Stop the robot, if this hand moves it.
+    async def _release(self, why: str) -> None:
+        """Stop the robot, if this input moves it.
 
-        A stop and not a drive of zero, by which the robot would believe that the hand has let go.
+        A stop and not a drive of zero, which the robot would take for a release by the operator.
         """
-        self._hand.release()
+        self._deadman.release()
         self._newest = None
         if not self._moves:
             return

@@ -20,7 +20,7 @@ from snakeslam.runtime.bus.topics import Opening, Picture, Report, RobotShape, S
 
 RATE_HZ = 15.0
 PATH_RATE_HZ = 2.0
-PICTURE_RATE_HZ = 5.0
+IMAGE_RATE_HZ = 5.0
 MAX_PATH_POINTS = 2000
 POINT_SIZE_M = 0.016
 FRUSTUM_SCALE_M = 0.12
@@ -66,7 +66,7 @@ def arrow_mesh() -> tuple[Float, np.ndarray[Any, Any]]:
 def path_segments(points: Float) -> Float:
     """Return the path (N, 3) as segments (K, 2, 3), thinned to MAX_PATH_POINTS at even distances along it.
 
-    Not at even times: a robot that rests would take the points away from where it moved, and leave polygons there.
+    Not at even times: a stationary robot would take the points away from where it moved, and leave polygons there.
     """
     along_m = np.r_[0.0, np.linalg.norm(np.diff(points, axis=0), axis=1).cumsum()]
     if len(points) > MAX_PATH_POINTS:
@@ -155,11 +155,11 @@ class Scene:
             self._server.initial_camera.position = p_W + VIEW_FROM_M
             self._server.initial_camera.look_at = p_W
 
-    def show_picture(self, picture: Picture) -> None:
-        """Hang the picture into the frustum, as it came: no second encoding."""
+    def show_image(self, image: Picture) -> None:
+        """Show the image in the frustum, as it came: no second encoding."""
         if self._camera is not None:
             self._camera._format = "jpeg"  # pyright: ignore[reportPrivateUsage]
-            self._camera._image_data = picture.jpeg  # pyright: ignore[reportPrivateUsage]
+            self._camera._image_data = image.jpeg  # pyright: ignore[reportPrivateUsage]
 
     def show_path(self, name: str, rows: list[tuple[float, float, float, float]], period_s: float) -> None:
         """Draw a trajectory, averaged over the gait's period: a swinging head's own path would bury the body."""
@@ -198,7 +198,7 @@ class Scene:
     def _furnish(self) -> None:
         # Its three shadow maps cost a browser without a graphics card more than all else it draws.
         self._scene.configure_default_lights(cast_shadow=False)
-        # Nor is there any light from surroundings: blurring their picture stops such a browser for ten seconds.
+        # Nor is there any light from surroundings: blurring their image stops such a browser for ten seconds.
         self._scene.configure_environment_map(None)
         self._scene.add_grid(
             "/grid",
@@ -246,7 +246,7 @@ class Viewer:
         self._wanted: Started | None = None
         self._fresh = False
         self._tick: Tick | None = None
-        self._picture: Picture | None = None
+        self._image: Picture | None = None
         self._chunks: deque[MapChunk] = deque()
         self._view: View | None = None
         self._stop = threading.Event()
@@ -259,12 +259,12 @@ class Viewer:
             self._view = view
             if isinstance(report, Started | Opening):
                 self._wanted, self._fresh = report if isinstance(report, Started) else None, True
-                self._tick = self._picture = None
+                self._tick = self._image = None
                 self._chunks.clear()
             elif isinstance(report, Tick):
                 self._tick = report
             elif isinstance(report, Picture):
-                self._picture = report
+                self._image = report
             elif isinstance(report, MapChunk):
                 self._chunks.append(report)
 
@@ -278,17 +278,17 @@ class Viewer:
         rounds = 0
         while not self._stop.wait(1.0 / RATE_HZ):
             paths = rounds % round(RATE_HZ / PATH_RATE_HZ) == 0
-            picture = rounds % round(RATE_HZ / PICTURE_RATE_HZ) == 0
-            attempt("drawing the view", partial(self._draw, paths=paths, picture=picture))
+            image = rounds % round(RATE_HZ / IMAGE_RATE_HZ) == 0
+            attempt("drawing the view", partial(self._draw, paths=paths, image=image))
             rounds += 1
 
-    def _draw(self, *, paths: bool, picture: bool) -> None:
+    def _draw(self, *, paths: bool, image: bool) -> None:
         with self._lock:
             fresh, self._fresh = self._fresh, False
             tick, self._tick = self._tick, None
-            shown = self._picture if picture else None
-            if picture:
-                self._picture = None
+            shown = self._image if image else None
+            if image:
+                self._image = None
             chunks, self._chunks = self._chunks, deque()
             view, wanted = self._view, self._wanted
         if fresh:
@@ -299,7 +299,7 @@ class Viewer:
         if tick is not None:
             self._scene.show_tick(tick, None if view is None else body_links(view, tick))
         if shown is not None:
-            self._scene.show_picture(shown)
+            self._scene.show_image(shown)
         if paths and view is not None:
             last = view.tick
             period_s = (None if last is None else last.head.window_s) or USUAL_PERIOD_S

@@ -1,4 +1,4 @@
-"""The way to viser: HTTP and one websocket at /viewer/; nothing a client says but its camera's pose gets through."""
+"""The proxy before viser: HTTP and one websocket at /viewer/; of a client's messages only its camera's pose passes."""
 
 import asyncio
 import math
@@ -17,7 +17,7 @@ from websockets.exceptions import ConnectionClosed, InvalidHandshake
 from websockets.typing import Subprotocol
 
 from server.background import note
-from server.deps import Rooms, Who
+from server.deps import CallerDep, ServicesDep
 from server.problem import Problem
 
 SUBPROTOCOL = f"viser-v{viser_version}"
@@ -105,8 +105,8 @@ class ViewerProxy:
         text = page.text.replace("<head>", HEAD, 1)
         return Response(text, page.status_code, {"Content-Security-Policy": POLICY}, "text/html; charset=utf-8")
 
-    async def _socket(self, client: WebSocket, house: Rooms, who: Who) -> None:
-        await house.sockets.serve("viewer", client, who, self._serve)
+    async def _socket(self, client: WebSocket, services: ServicesDep, caller: CallerDep) -> None:
+        await services.sockets.serve("viewer", client, caller, self._serve)
 
     async def _serve(self, client: WebSocket) -> None:
         offered: list[str] = client.scope.get("subprotocols", [])
@@ -132,7 +132,7 @@ class ViewerProxy:
 
 
 async def _relay(client: WebSocket, upstream: ClientConnection) -> None:
-    """Pass messages both ways until one side closes; the client is told viser's own close code."""
+    """Pass messages both ways until one side closes; the client gets viser's own close code."""
     outward = asyncio.create_task(_outward(client, upstream))
     inward = asyncio.create_task(_inward(client, upstream))
     try:
@@ -158,7 +158,7 @@ async def _outward(client: WebSocket, upstream: ClientConnection) -> None:
 
 
 async def _inward(client: WebSocket, upstream: ClientConnection) -> None:
-    """Hand on camera poses; drop everything else without a word."""
+    """Pass camera poses on; drop everything else silently."""
     try:
         while True:
             message = await client.receive()

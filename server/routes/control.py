@@ -5,7 +5,7 @@ from typing import Annotated
 from fastapi import APIRouter, WebSocket
 from pydantic import BaseModel, ConfigDict, Field
 
-from server.deps import Rooms, Who
+from server.deps import CallerDep, ServicesDep
 from server.fields import Name
 from server.lease import LONGEST_S, RENEWED_S, Lease
 from server.models import Answer, Control
@@ -45,41 +45,41 @@ class LeaseAnswer(Answer):
 
 
 @router.get("/control/lease")
-async def get_lease(house: Rooms) -> LeaseState:
+async def get_lease(services: ServicesDep) -> LeaseState:
     """Who has control, and for how long if it is not renewed."""
-    return LeaseState(**dict(control(house.desk)), left_s=round(house.desk.left_s, 2))
+    return LeaseState(**dict(control(services.desk)), left_s=round(services.desk.left_s, 2))
 
 
 @router.post("/control/lease")
-async def take(house: Rooms, who: Who, request: LeaseRequest | None = None) -> LeaseAnswer:
+async def grant(services: ServicesDep, caller: CallerDep, request: LeaseRequest | None = None) -> LeaseAnswer:
     """Take control; send the key as Control-Lease with every command, and renew it in time."""
     request = LeaseRequest() if request is None else request
-    before = house.desk.lease
-    lease = house.desk.take(request.name, request.seconds, over=request.take_over, identity=who.identity)
-    how = "taken" if before is None or before.key == who.identity else "taken over"
-    house.tell_lease(lease, how, f" from {before.holder}" if before is not None and how == "taken over" else "")
+    before = services.desk.lease
+    lease = services.desk.grant(request.name, request.seconds, over=request.take_over, identity=caller.identity)
+    how = "taken" if before is None or before.key == caller.identity else "taken over"
+    services.publish_lease(lease, how, f" from {before.holder}" if before is not None and how == "taken over" else "")
     return _answer(lease)
 
 
 @router.put("/control/lease")
-async def renew(house: Rooms, who: Who) -> LeaseAnswer:
+async def renew(services: ServicesDep, caller: CallerDep) -> LeaseAnswer:
     """Keep control."""
-    return _answer(house.desk.renew(who.lease_key))
+    return _answer(services.desk.renew(caller.lease_key))
 
 
 @router.delete("/control/lease")
-async def release(house: Rooms, who: Who) -> Control:
+async def release(services: ServicesDep, caller: CallerDep) -> Control:
     """Give control back; the robot stops."""
-    lease = house.desk.release(who.lease_key)
-    await house.stop_if_moving()
-    house.tell_lease(lease, "given back")
-    return control(house.desk)
+    lease = services.desk.release(caller.lease_key)
+    await services.stop_if_moving()
+    services.publish_lease(lease, "given back")
+    return control(services.desk)
 
 
 @router.websocket("/teleop")
-async def teleop(socket: WebSocket, house: Rooms, who: Who) -> None:
+async def teleop(socket: WebSocket, services: ServicesDep, caller: CallerDep) -> None:
     """Drive input as JSON: hello with the lease's key, then pings and drives; see docs/rest.md."""
-    await house.sockets.serve("teleop", socket, who, house.teleop.serve)
+    await services.sockets.serve("teleop", socket, caller, services.teleop.serve)
 
 
 def _answer(lease: Lease) -> LeaseAnswer:

@@ -5,7 +5,7 @@ from http import HTTPStatus
 from fastapi import APIRouter, Response
 from pydantic import BaseModel, ConfigDict
 
-from server.deps import Rooms, Who
+from server.deps import CallerDep, ServicesDep
 from server.fields import Words
 from server.models import State
 
@@ -31,27 +31,27 @@ UNCONFIRMED = {"description": "sent, but not confirmed by the robot yet", "model
 
 
 @router.post("/estop", responses={HTTPStatus.ACCEPTED: UNCONFIRMED})
-async def estop(house: Rooms, response: Response, request: EStopRequest | None = None) -> EStopAnswer:
+async def estop(services: ServicesDep, response: Response, request: EStopRequest | None = None) -> EStopAnswer:
     """Latch the emergency stop; anybody may who is signed in.
 
-    Answers 200 when the robot has confirmed it. Without its word within half a second it answers 202 with "confirmed"
-    false: the stop has been sent, is latched in the server, and is sent again to a robot node that comes back.
+    Answers 200 when the robot has confirmed it, and 202 with "confirmed" false without its confirmation within half a
+    second: the stop has been sent, is latched in the server, and is sent again to a robot node that comes back.
     """
-    before = house.live.estop_reason
-    confirmed = await house.live.estop((request and request.reason) or OPERATOR)
+    before = services.live.estop_reason
+    confirmed = await services.live.estop((request and request.reason) or OPERATOR)
     if before is None:
-        house.telemetry.tell_state()
+        services.telemetry.publish_state()
     if not confirmed:
         response.status_code = HTTPStatus.ACCEPTED
-    return EStopAnswer.model_construct(**dict(house.state()), confirmed=confirmed)
+    return EStopAnswer.model_construct(**dict(services.state()), confirmed=confirmed)
 
 
 @router.post("/estop/reset")
-async def reset(house: Rooms, who: Who) -> State:
+async def reset(services: ServicesDep, caller: CallerDep) -> State:
     """Clear the latch; the robot stays where it is until it is started again. Needs control."""
-    house.need_control(who)
+    services.need_control(caller)
     try:
-        await house.live.reset_estop()
+        await services.live.reset_estop()
     finally:
-        house.telemetry.tell_state()
-    return house.state()
+        services.telemetry.publish_state()
+    return services.state()

@@ -8,7 +8,7 @@ import numpy as np
 from fastapi import APIRouter, Query
 from pydantic import ConfigDict, Field
 
-from server.deps import Rooms, Who
+from server.deps import CallerDep, ServicesDep
 from server.live import Live
 from server.models import Answer, GaitState, ParameterKey, State
 from server.problem import Problem
@@ -85,66 +85,66 @@ class GaitPreview(Answer):
 
 
 @router.get("/gait")
-async def get_gait(house: Rooms) -> GaitAnswer:
+async def get_gait(services: ServicesDep) -> GaitAnswer:
     """The gait as it is, and all there are."""
-    entries = [_entry(gait, _model(house.live)) for gait in GAITS.values()]
-    return GaitAnswer(current=gait_state(house.live.gait()), catalogue=entries)
+    entries = [_entry(gait, _model(services.live)) for gait in GAITS.values()]
+    return GaitAnswer(current=gait_state(services.live.gait()), catalogue=entries)
 
 
 @router.get("/gait/preview")
-async def get_preview(house: Rooms, settings: Annotated[GaitSettings, Query()]) -> GaitPreview:
+async def get_preview(services: ServicesDep, settings: Annotated[GaitSettings, Query()]) -> GaitPreview:
     """What a gait with these parameters looks like on this robot; a parameter that is left out takes its default."""
-    model = _model(house.live)
+    model = _model(services.live)
     try:
         gait = resolve(settings, model)
     except InputError as error:
         return GaitPreview(reason=str(error), drawing=None, remark=None)
-    drawing = await house.bulk.make(lambda: _drawing(gait, model))
+    drawing = await services.bulk.make(lambda: _drawing(gait, model))
     return GaitPreview(reason=None, drawing=drawing, remark=gait.remark)
 
 
 @router.put("/gait")
-async def put_gait(request: GaitRequest, house: Rooms, who: Who) -> State:
+async def put_gait(request: GaitRequest, services: ServicesDep, caller: CallerDep) -> State:
     """Change the gait; the change is smooth, and nothing starts to move for it. Needs control."""
-    house.live.need_robot()
-    house.need_control(who)
-    current = house.live.gait()
+    services.live.need_robot()
+    services.need_control(caller)
+    current = services.live.gait()
     turn = current.turn if request.turn is None else request.turn
     settings = GaitSettings(**request.model_dump(exclude={"turn"}))
     command = _command(settings, turn)
-    resolve(commanded_gait(command, house.live.view.config.gait), _model(house.live), turn)
-    await house.live.command(SetGait(command))
-    house.telemetry.tell_state()
-    return house.state()
+    resolve(commanded_gait(command, services.live.view.config.gait), _model(services.live), turn)
+    await services.live.command(SetGait(command))
+    services.telemetry.publish_state()
+    return services.state()
 
 
 @router.post("/gait/start")
-async def start(house: Rooms, who: Who) -> State:
+async def start(services: ServicesDep, caller: CallerDep) -> State:
     """Set the robot going, until it is stopped or control is lost. Needs control."""
-    house.need_control(who)
-    await house.live.move()
-    if not house.live.moving:
+    services.need_control(caller)
+    await services.live.move()
+    if not services.live.moving:
         raise Problem(HTTPStatus.CONFLICT, "the robot did not start; its E-stop was latched meanwhile")
-    return house.state()
+    return services.state()
 
 
 @router.post("/gait/back-up")
-async def back_up(house: Rooms, who: Who) -> State:
+async def back_up(services: ServicesDep, caller: CallerDep) -> State:
     """Play the gait backwards for ``safety.back_up_s``, then stop: away from what the robot cannot see past.
 
     It goes on however blind the robot is; all else that holds a robot holds it. Needs control.
     """
-    house.need_control(who)
-    await house.live.back_up()
-    return house.state()
+    services.need_control(caller)
+    await services.live.back_up()
+    return services.state()
 
 
 @router.post("/gait/stop")
-async def stop(house: Rooms) -> State:
-    """Bring the robot to rest, smoothly. Any operator may, with control or without."""
-    house.live.need_robot()
-    await house.live.command(Stop())
-    return house.state()
+async def stop(services: ServicesDep) -> State:
+    """Stop the robot smoothly. Any operator may, with control or without."""
+    services.live.need_robot()
+    await services.live.command(Stop())
+    return services.state()
 
 
 def _model(live: Live) -> SnakeModel:

@@ -5,7 +5,7 @@ from typing import Annotated
 from fastapi import APIRouter
 from pydantic import BaseModel, ConfigDict, Field
 
-from server.deps import Rooms, Who
+from server.deps import CallerDep, ServicesDep
 from server.live import Live
 from server.models import Answer, HeadControl, HeadMotion, State
 from server.state import head_control, head_motion
@@ -77,9 +77,9 @@ class HeadAnswer(Answer):
 
 
 @router.get("/head")
-async def get_head(house: Rooms) -> HeadAnswer:
+async def get_head(services: ServicesDep) -> HeadAnswer:
     """How the head is held, the controllers there are, and how still it is now."""
-    live = house.live
+    live = services.live
     model, gait, settings = _model(live), _gait(live), live.head()
     tick = live.view.tick
     tried = settings or live.view.config.head
@@ -97,15 +97,15 @@ async def get_head(house: Rooms) -> HeadAnswer:
 
 
 @router.put("/head")
-async def put_head(request: HeadRequest, house: Rooms, who: Who) -> State:
+async def put_head(request: HeadRequest, services: ServicesDep, caller: CallerDep) -> State:
     """Change how the head is held, or turn its line; smoothly, and nothing starts to move for it. Needs control."""
-    house.live.need_robot()
-    house.need_control(who)
+    services.live.need_robot()
+    services.need_control(caller)
     command = HeadCommand(0, request.controller, request.neck_joints, request.turn_by_deg)
-    commanded_head(command, house.live.head() or HeadSettings(), _model(house.live), _gait(house.live))
-    await house.live.command(SetHead(command))
-    house.telemetry.tell_state()
-    return house.state()
+    commanded_head(command, services.live.head() or HeadSettings(), _model(services.live), _gait(services.live))
+    await services.live.command(SetHead(command))
+    services.telemetry.publish_state()
+    return services.state()
 
 
 def _model(live: Live) -> SnakeModel:

@@ -1,4 +1,4 @@
-"""Recordings to watch, and the way back to the simulator."""
+"""Recordings to watch, and the return to the simulator."""
 
 from dataclasses import replace
 from http import HTTPStatus
@@ -7,7 +7,7 @@ from typing import Annotated
 from fastapi import APIRouter
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
-from server.deps import Rooms, Who
+from server.deps import CallerDep, ServicesDep
 from server.models import Playback, State
 from server.problem import Problem
 from server.recordings import RecordingAnswer, printable, recording_answer
@@ -38,26 +38,28 @@ class SimRequest(BaseModel):
 
 
 @router.get("/recordings")
-async def get_recordings(house: Rooms) -> list[RecordingAnswer]:
+async def get_recordings(services: ServicesDep) -> list[RecordingAnswer]:
     """The recordings that can be played; the list is at most two seconds old."""
-    return [recording_answer(key, summary) for key, summary in (await house.recordings.get()).items()]
+    return [recording_answer(key, summary) for key, summary in (await services.recordings.get()).items()]
 
 
 @router.post("/recordings/{recording_id}/play")
-async def play(recording_id: str, house: Rooms, who: Who, request: PlayRequest | None = None) -> State:
+async def play(
+    recording_id: str, services: ServicesDep, caller: CallerDep, request: PlayRequest | None = None
+) -> State:
     """Play a recording in the live view; without a mode, the one that its sensors allow. Needs control.
 
     A mode that they do not allow ends the session with a line that says so.
     """
-    summary = (await house.recordings.get()).get(recording_id)
+    summary = (await services.recordings.get()).get(recording_id)
     if summary is None:
         raise Problem(HTTPStatus.NOT_FOUND, "there is no such recording; GET /recordings lists them")
-    house.need_control(who)
+    services.need_control(caller)
     mode = None if request is None else request.mode
-    spec = replace(house.spec, recording=summary.path, estimator_mode=mode, autostart=False, build=None)
-    await house.live.start(spec, "recording", printable(summary.name))
-    house.telemetry.tell_state()
-    return house.state()
+    spec = replace(services.spec, recording=summary.path, estimator_mode=mode, autostart=False, build=None)
+    await services.live.start(spec, "recording", printable(summary.name))
+    services.telemetry.publish_state()
+    return services.state()
 
 
 def _whole(value: object) -> object:
@@ -75,32 +77,32 @@ class PlaybackRequest(BaseModel):
     speed: Annotated[float, Field(ge=SLOWEST, le=FASTEST)] | None = None
     """A multiple of real time; the machine may be slower."""
     position_s: Annotated[float, Field(ge=0)] | None = None
-    """Seconds from the first frame; past the end it is the last frame. What is ahead has to be computed on the way."""
+    """Seconds from the first frame; past the end it is the last frame. What is ahead has to be computed first."""
     step: Annotated[int, BeforeValidator(_whole), Field(ge=-1000, le=1000)] = 0
     """So many frames on (negative: back), then paused."""
 
 
 @router.get("/playback")
-async def get_playback(house: Rooms) -> Playback | None:
+async def get_playback(services: ServicesDep) -> Playback | None:
     """How the recording that is open plays; null where none is."""
-    tick = house.live.view.tick
+    tick = services.live.view.tick
     return None if tick is None else playback(tick.playback)
 
 
 @router.put("/playback")
-async def put_playback(house: Rooms, who: Who, request: PlaybackRequest) -> Playback | None:
+async def put_playback(services: ServicesDep, caller: CallerDep, request: PlaybackRequest) -> Playback | None:
     """Pause, seek, step through, or change the speed of the recording that is open. Needs control."""
-    house.need_control(who)
-    await house.live.control_playback(ControlPlayback(**request.model_dump()))
-    return await get_playback(house)
+    services.need_control(caller)
+    await services.live.control_playback(ControlPlayback(**request.model_dump()))
+    return await get_playback(services)
 
 
 @router.post("/sim/start")
-async def start_sim(house: Rooms, who: Who, request: SimRequest | None = None) -> State:
+async def start_sim(services: ServicesDep, caller: CallerDep, request: SimRequest | None = None) -> State:
     """Start the simulator anew, with settings changed as in --set. Needs control."""
     overrides = checked_overrides({} if request is None else request.overrides)
-    spec = replace(house.spec, config=override_config(house.config, overrides))
-    house.need_control(who)
-    await house.live.start(spec, "sim", "simulator")
-    house.telemetry.tell_state()
-    return house.state()
+    spec = replace(services.spec, config=override_config(services.config, overrides))
+    services.need_control(caller)
+    await services.live.start(spec, "sim", "simulator")
+    services.telemetry.publish_state()
+    return services.state()

@@ -2,19 +2,19 @@
 
 from fastapi import APIRouter, WebSocket
 
-from server.deps import Rooms, Who
+from server.deps import CallerDep, ServicesDep
 from server.models import State
 
 router = APIRouter(tags=["state"])
 
 
 @router.get("/state")
-async def get_state(house: Rooms) -> State:
+async def get_state(services: ServicesDep) -> State:
     """What runs, how it moves, and what the estimator says of itself."""
-    return house.state()
+    return services.state()
 
 
 @router.websocket("/telemetry")
-async def telemetry(socket: WebSocket, house: Rooms, who: Who) -> None:
+async def telemetry(socket: WebSocket, services: ServicesDep, caller: CallerDep) -> None:
     """State, ticks, events as JSON text; camera frames as binary messages."""
-    await house.sockets.serve("telemetry", socket, who, house.telemetry.serve)
+    await services.sockets.serve("telemetry", socket, caller, services.telemetry.serve)

@@ -16,7 +16,7 @@ from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Subprotocol
 
 from server.auth import HostRule, checked_proxies
-from server.edge import MOST_CONNECTIONS, Place, Places
+from server.edge import MOST_CONNECTIONS, Connections, ConnectionState
 from server.sockets import LIMITS, TOO_MANY
 from server.viewer_proxy import SUBPROTOCOL
 from snakeslam.errors import InputError
@@ -176,16 +176,16 @@ def test_the_oldest_stranger_goes_first_and_an_operator_last() -> None:
         def abort(self) -> None:
             gone.append(self.name)
 
-    places = Places(3)
+    connections = Connections(3)
     for waits_s, name in enumerate(("operator", "viewer", "stranger", "a", "b", "c")):
-        place = Place(Connection(name), float(waits_s))  # type: ignore[arg-type]
-        places.add(place)
+        state = ConnectionState(Connection(name), float(waits_s))  # type: ignore[arg-type]
+        connections.add(state)
         if name in ("operator", "viewer"):
-            places.signed_in(place, name, name)  # type: ignore[arg-type]
+            connections.signed_in(state, name, name)  # type: ignore[arg-type]
     assert gone == ["stranger", "a", "b"]
-    places.look(16.0)
+    connections.close_idle(16.0)
     assert gone[3:] == ["c"]
-    places.look(60.0)
+    connections.close_idle(60.0)
     assert gone[4:] == ["operator", "viewer"]
 
 

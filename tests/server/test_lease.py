@@ -23,7 +23,7 @@ class Clock:
 def test_a_lease_is_kept_by_renewing_and_lapses_once() -> None:
     clock = Clock()
     desk = Desk(clock)
-    lease = desk.take("Ann")
+    lease = desk.grant("Ann")
     for _ in range(5):
         clock.now_s += 0.9 * RENEWED_S
         desk.renew(lease.key)
@@ -39,7 +39,7 @@ def test_a_lease_is_kept_by_renewing_and_lapses_once() -> None:
 def test_it_lapses_soon_when_a_pages_socket_has_closed_unless_it_comes_back() -> None:
     clock = Clock()
     desk = Desk(clock)
-    lease = desk.take("page")
+    lease = desk.grant("page")
     desk.hurry(lease.key)
     desk.renew(lease.key)
     clock.now_s += GONE_S
@@ -47,7 +47,7 @@ def test_it_lapses_soon_when_a_pages_socket_has_closed_unless_it_comes_back() ->
     desk.hurry(lease.key)
     clock.now_s += GONE_S
     assert desk.lapse() == lease
-    script = desk.take("script", 60.0)
+    script = desk.grant("script", 60.0)
     desk.hurry(script.key)
     clock.now_s += GONE_S
     assert desk.holds(script.key)
@@ -56,11 +56,11 @@ def test_it_lapses_soon_when_a_pages_socket_has_closed_unless_it_comes_back() ->
 def test_it_is_only_taken_over_by_an_explicit_act() -> None:
     heard: list[str | None] = []
     desk = Desk(Clock())
-    desk.listen(lambda: heard.append(desk.lease.holder if desk.lease else None))
-    ann = desk.take("Ann")
+    desk.subscribe(lambda: heard.append(desk.lease.holder if desk.lease else None))
+    ann = desk.grant("Ann")
     with pytest.raises(Problem, match="Ann has control"):
-        desk.take("Bob")
-    bob = desk.take("Bob", over=True)
+        desk.grant("Bob")
+    bob = desk.grant("Bob", over=True)
     assert not desk.holds(ann.key)
     for act in (desk.renew, desk.release):
         with pytest.raises(Problem, match="Bob has it"):
@@ -78,7 +78,7 @@ def test_a_script_without_a_lease_gets_a_free_one_and_no_other() -> None:
         desk.need(None, "script-2")
     clock.now_s += UNASKED_S
     desk.need(None, "script-2")
-    own = desk.take("script 2", identity="script-2")
+    own = desk.grant("script 2", identity="script-2")
     desk.need(own.key, "script-2")
     with pytest.raises(Problem, match="script 2 has control"):
         desk.need(None, "script-2")

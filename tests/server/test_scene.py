@@ -118,7 +118,7 @@ def test_updates_replace_each_other_for_those_who_come_later(server: viser.Viser
     def draw(count: int) -> int:
         for k in range(count):
             scene.show_tick(moved(k + 1), moved(k + 1).Ts_WL)
-            scene.show_picture(Picture(k, k, 160, 120, bytes([k])))
+            scene.show_image(Picture(k, k, 160, 120, bytes([k])))
             scene.show_path("estimate", [(0.0, 0.0, 0.0, 0.0), (1.0, float(k), 0.0, 0.0)], 4.0)
             scene.show_chunk(chunk(k % 3, k))
         return len(kept(server))

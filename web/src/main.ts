@@ -73,7 +73,7 @@ function start(): void {
     deadman.releaseAll(null);
     app.notice.emit({ level: "error", text: detail });
   };
-  const teleop = new Teleop(app, refused, () => deadman.releaseAll("this page stood still for a moment"));
+  const teleop = new Teleop(app, refused, () => deadman.releaseAll("this page was frozen for a moment"));
   const arrowsFor = (element: Element) => element === document.body || element.closest("#pad") !== null;
   deadman.listen(window, arrowsFor);
   mountDrive(app, deadman, teleop);

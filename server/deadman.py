@@ -1,4 +1,4 @@
-"""The operator's hand on the drive: which input counts, and when it was silent for too long. Time is given."""
+"""The deadman input of one operator: which samples count, and when there were none for too long. Time is given."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -9,12 +9,12 @@ SILENT_S = DEADMAN_S + 0.1
 """A robot whose input is silent for so long gets a stop; by the deadman limit it has held itself before."""
 OFFSETS_KEPT = 20
 STEPS = 20
-"""Drive and turn count in steps of 1/20: a trembling stick is no change."""
+"""Drive and turn count in steps of 1/20: the noise of a stick is no change."""
 
 
 @dataclass(frozen=True, slots=True)
-class Input:
-    """What the hand wants: ``drive`` and ``turn`` in [-1, 1], stamped by the sender's own clock."""
+class DriveSample:
+    """What the operator holds down: ``drive`` and ``turn`` in [-1, 1], stamped by the sender's own clock."""
 
     seq: int
     t_s: float
@@ -22,7 +22,7 @@ class Input:
     turn: float
 
 
-class Hand:
+class Deadman:
     """Judges the input of one sender, whose clock is only known through its messages.
 
     The least difference of the clocks over the last pings is taken as no delay: age = now - t - min(now_k - t_k).
@@ -37,7 +37,7 @@ class Hand:
         self._begins = False
         self._offsets_s: deque[float] = deque(maxlen=OFFSETS_KEPT)
         self._seq = -1
-        self.taken_s = 0.0
+        self.received_s = 0.0
         self.drive = 0.0
         self.turn = 0.0
 
@@ -54,7 +54,7 @@ class Hand:
         """How much older than the quickest ping a message is."""
         return now_s - t_s - min(self._offsets_s, default=now_s - t_s)
 
-    def take(self, given: Input, now_s: float) -> str | None:
+    def add(self, given: DriveSample, now_s: float) -> str | None:
         """Take input, or return why it does not count."""
         if given.seq <= self._seq:
             return "out of order"
@@ -67,18 +67,18 @@ class Hand:
             return "stale" if age_s > 0.0 else "from the future"
         self._begins = drive != 0.0 and (self._begins or not self.pressed)
         self.pressed = drive != 0.0
-        self._seq, self.taken_s = given.seq, now_s
+        self._seq, self.received_s = given.seq, now_s
         self.drive, self.turn = drive, _stepped(given.turn)
         return None
 
-    def take_begins(self) -> bool:
+    def pop_begins(self) -> bool:
         """Return whether a press has begun since the last call."""
         begins, self._begins = self._begins, False
         return begins
 
     def silent(self, now_s: float) -> bool:
         """Whether it drives the robot but has said nothing for too long."""
-        return self.driving and now_s - self.taken_s > SILENT_S
+        return self.driving and now_s - self.received_s > SILENT_S
 
     def release(self) -> None:
         """Stop driving on the sender's behalf: its press is over for the robot, though it may hold the drive down."""

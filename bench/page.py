@@ -51,7 +51,7 @@ window.Worker = class extends Worker {
   constructor(...given) {
     super(...given);
     this.addEventListener("message", ({data}) => {
-      if (data?.kind === "picture") window.drawn.push([data.picture.t_s, data.picture.shown_ms]);
+      if (data?.kind === "image") window.drawn.push([data.image.t_s, data.image.shown_ms]);
     });
   }
 };"""

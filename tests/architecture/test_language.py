@@ -23,7 +23,7 @@ AMBIGUOUS = {
     "round": "rounding of numbers",
 }
 """Words of the third column that have a common second meaning; readers must judge these."""
-CONTRACTS = {"turn", "turn_by_deg"}
+CONTRACTS = {"take_over", "turn", "turn_by_deg", "turns"}
 """Names of the REST interface, docs/glossary.md, row "drive, steering"; they are compared whole."""
 PROSE_ONLY_IDENTIFIERS = {"still"}
 """In a sentence this word also means "up to now"."""

@@ -75,13 +75,13 @@ def test_axe_finds_nothing_in_any_state(browser: Browser, still: Running, size: 
     audit.look(sign_in(watcher, still, VIEWER_TOKEN), "watching")
     watcher.close()
     context = new_context(browser, size)
-    look_as_operator(sign_in(context, still), still, audit)
+    see_as_operator(sign_in(context, still), still, audit)
     context.close()
     assert audit.states == 11
     assert audit.found == [], "\n".join(audit.found)
 
 
-def look_as_operator(page: Page, server: Running, audit: Audit) -> None:
+def see_as_operator(page: Page, server: Running, audit: Audit) -> None:
     page.locator("#control-take").click()
     expect(page.locator("#control-state")).to_have_text("You")
     expect(page.locator(".gait-card").first).to_be_enabled()
@@ -139,7 +139,7 @@ def operate(context: BrowserContext, server: Running) -> Page:
 
 DRIVES = [f'[data-drive="{direction}"]' for direction in ("forward", "left", "back", "right")]
 DRIVES += ["#start", "#stop", "#estop"]
-LOOKS = ["#viewer", "#camera-picture", "#control-release"]
+LOOKS = ["#viewer", "#camera-image", "#control-release"]
 HEAD = ["#verdict", "#head-yaw", "#head-controller", "#head-neck", "#head-left"]
 SEEN = {"desktop": (DESKTOP, HEAD), "phone": (PHONE, []), "phone on its side": (LYING, []), "200 % zoom": (ZOOMED, [])}
 
@@ -155,7 +155,7 @@ def test_what_drives_the_robot_is_seen_without_scrolling(browser: Browser, still
     expect(page.locator("#patrol")).to_be_visible()
     assert page.evaluate(COLLISIONS) == []
     view = page.locator("#viewer").bounding_box()
-    camera, pad = page.locator("#camera-picture").bounding_box(), page.locator("#pad").bounding_box()
+    camera, pad = page.locator("#camera-image").bounding_box(), page.locator("#pad").bounding_box()
     assert view is not None and camera is not None and pad is not None  # noqa: PT018
     assert view["height"] >= 180
     assert camera["height"] >= 110
@@ -205,7 +205,7 @@ def test_no_banner_moves_a_control(browser: Browser, still: Running, size: dict[
     context.close()
 
 
-def test_an_operator_has_a_name_of_their_own_and_hears_who_took_over(browser: Browser, still: Running) -> None:
+def test_an_operator_has_a_name_of_their_own_and_sees_who_took_over(browser: Browser, still: Running) -> None:
     free(still)
     context = new_context(browser, DESKTOP)
     page = sign_in(context, still)

@@ -110,7 +110,7 @@ def test_the_3d_view_draws_a_growing_map(page: Page) -> None:
     assert len(colours) > 20, "the 3D view is nearly one colour"
 
 
-def test_the_3d_view_rests_after_a_picture_that_took_long(page: Page) -> None:
+def test_the_3d_view_pauses_after_a_frame_that_took_long(page: Page) -> None:
     """So that drawing without a graphics card leaves the operator's controls their share."""
     rest_ms = viewer_frame(page).evaluate(
         """async () => {
@@ -142,8 +142,8 @@ def test_the_3d_view_draws_what_is_asked_for_once(page: Page) -> None:
 
 
 @pytest.mark.usefixtures("crawling")
-def test_the_camera_picture_lives(page: Page) -> None:
-    picture = page.locator("#camera-picture")
+def test_the_camera_image_is_live(page: Page) -> None:
+    picture = page.locator("#camera-image")
     first = poll(lambda: look_at(picture), lambda look: look.variance > 25, "a camera picture")
     poll(lambda: look_at(picture), lambda look: look.hash != first.hash, "another camera picture")
     overlay = page.locator("#camera-overlay")
@@ -154,8 +154,8 @@ def test_the_camera_picture_lives(page: Page) -> None:
 
 
 @pytest.mark.usefixtures("crawling")
-def test_the_camera_picture_is_turned_upright_and_goes_on(page: Page) -> None:
-    picture, level = page.locator("#camera-picture"), page.locator("#level-toggle")
+def test_the_camera_image_is_rotated_upright_and_goes_on(page: Page) -> None:
+    picture, level = page.locator("#camera-image"), page.locator("#level-toggle")
     turned = lambda: str(picture.evaluate("canvas => canvas.style.transform"))  # noqa: E731
     level.press("Enter")
     first = poll(turned, lambda transform: "rotate(" in transform, "an upright picture")
@@ -191,7 +191,7 @@ def test_a_gait_is_picked_and_set(page: Page, client: httpx.Client) -> None:
     expect(page.locator("#gait-apply")).to_be_disabled()
     page.locator("#gait-defaults").click()
     page.locator("#stop").click()
-    expect(page.locator("#session-state")).to_have_text("At rest")
+    expect(page.locator("#session-state")).to_have_text("Stopped")
     poll(lambda: state(client)["moving"], lambda on: not on, "the robot at rest")
     page.locator("#start").click()
     expect(page.locator("#session-state")).to_have_text("Moving")
@@ -237,7 +237,7 @@ def test_a_run_beside_the_live_view_equals_the_command_line(page: Page, client: 
     sequences: list[int] = []
 
     def watch() -> dict[str, Any]:
-        sequences.append(int(page.locator("#camera-picture").get_attribute("data-seq") or 0))
+        sequences.append(int(page.locator("#camera-image").get_attribute("data-seq") or 0))
         return client.get(f"/api/v1/runs/{run}").json()
 
     ended = poll(watch, lambda r: r["state"] not in ("queued", "running"), "the run's end", RUN_TIMEOUT_S)
@@ -281,18 +281,18 @@ def test_a_recording_is_chosen_and_plays(page: Page, client: httpx.Client, recor
     expect(page.locator("#estop")).to_be_enabled()
     expect(page.locator("#session-state")).to_have_text(re.compile("Ended|Failed"), timeout=120_000)
     assert state(client)["session"] == "ended", state(client)["message"]
-    assert page.locator("#camera-picture").evaluate("canvas => canvas.width") == width_px
+    assert page.locator("#camera-image").evaluate("canvas => canvas.width") == width_px
     assert len(client.get("/api/v1/trajectory").json()["estimate"]) > 20, "hardly a pose"
     poll(lambda: float(page.locator("#distance").inner_text()), lambda distance_m: distance_m > 0.05, "a distance")
 
 
 @pytest.mark.usefixtures("shared_data")
-def test_the_way_back_to_the_simulator(page: Page, client: httpx.Client) -> None:
+def test_the_return_to_the_simulator(page: Page, client: httpx.Client) -> None:
     page.locator("#source").click()
     page.locator("#sim-start").click()
     expect(page.locator("#source")).to_contain_text("Simulator")
     poll(lambda: state(client)["session"], lambda session: session == "running", "the simulator again")
-    expect(page.locator("#session-state")).to_have_text("At rest")
+    expect(page.locator("#session-state")).to_have_text("Stopped")
 
 
 def test_the_page_asks_nobody_else_and_has_no_errors(dashboard: Dashboard) -> None:

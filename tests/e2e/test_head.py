@@ -36,10 +36,10 @@ def test_the_head_is_held_as_the_operator_chooses_while_moving(page: Page, clien
     head = client.get("/api/v1/head").json()
     current = page.locator(f"#head-controller-{head['current']['controller']}")
     expect(current).to_have_attribute("aria-checked", "true")
-    look_at_every_controller(page, head)
+    focus_every_controller(page, head)
     choose_every_available_one(page, client, head)
     set_the_neck(page, client)
-    turn_where_it_can_be(page, client)
+    steer_where_possible(page, client)
     poll(lambda: moves(client), bool, "the robot moves")
     assert not state(client)["estop"]["latched"]
     for number in ("#head-yaw", "#head-rate", "#head-sway"):
@@ -57,7 +57,7 @@ def moves(client: httpx.Client) -> bool:
     return bool(seen["moving"])
 
 
-def look_at_every_controller(page: Page, head: dict[str, Any]) -> None:
+def focus_every_controller(page: Page, head: dict[str, Any]) -> None:
     """The arrow keys explain without choosing; what cannot be chosen says why."""
     names = [entry["name"] for entry in head["controllers"]]
     page.locator(f"#head-controller-{head['current']['controller']}").focus()
@@ -101,7 +101,7 @@ def set_the_neck(page: Page, client: httpx.Client) -> None:
     poll(lambda: state(client)["head_control"]["neck_joints"], lambda joints: joints == 6, "the neck as it was")
 
 
-def turn_where_it_can_be(page: Page, client: httpx.Client) -> None:
+def steer_where_possible(page: Page, client: httpx.Client) -> None:
     """Steering by degrees belongs to the controllers that have a line to turn."""
     before = state(client)["head_control"]["controller"]
     head = client.get("/api/v1/head").json()

@@ -76,7 +76,7 @@ def take_control(page: Page) -> None:
     expect(page.locator("#control-state")).to_have_text("You")
 
 
-def test_keys_drive_while_held_and_let_go(page: Page, client: httpx.Client) -> None:
+def test_keys_drive_while_held_and_release(page: Page, client: httpx.Client) -> None:
     take_control(page)
     page.locator("body").click(position={"x": 5, "y": 70})
     page.keyboard.down("KeyS")
@@ -118,7 +118,7 @@ def test_a_hold_ends_with_what_held_it(page: Page, client: httpx.Client, lost: s
     page.locator("#drive-speed").fill("1")
 
 
-def test_a_second_page_watches_until_it_takes_over(
+def test_a_second_page_watches_until_it_has_taken_control(
     browser: Browser, page: Page, still: Running, client: httpx.Client
 ) -> None:
     take_control(page)
@@ -216,7 +216,8 @@ CONTRAST = """() => {
         const words = [...element.childNodes].some(n => n.nodeType === 3 && n.textContent.trim());
         if (!words || !element.checkVisibility()) continue;
         if (element.closest(':disabled, [aria-disabled=true], dialog')) continue;
-        if (element.classList.contains('visually-hidden') || element.closest('.link-down, .picture, .view')) continue;
+        if (element.classList.contains('visually-hidden')) continue;
+        if (element.closest('.link-down, .camera-stage, .view')) continue;
         const style = getComputedStyle(element);
         const [a, b] = [light(rgba(style.color)), light(behind(element))].sort((x, y) => y - x);
         const size = parseFloat(style.fontSize), large = size >= 24 || (size >= 18.66 && style.fontWeight >= 700);

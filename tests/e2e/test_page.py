@@ -35,7 +35,7 @@ def sign_in(page: Page) -> None:
     expect(page.locator("#link-state")).to_contain_text("Live")
 
 
-def test_the_way_through_the_page(page: Page, still: Running) -> None:
+def test_the_tab_order_of_the_page(page: Page, still: Running) -> None:
     """One server for it all: its start costs more than the looks."""
     check_signing_in(page)
     check_that_space_types_in_a_text_field(page, still)

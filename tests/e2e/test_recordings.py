@@ -83,7 +83,7 @@ def test_seek_and_step(playing: Page, client: httpx.Client) -> None:
     wait_for(lambda: position_s(client) == 2.95)
     playing.get_by_role("button", name="One frame ahead").click()
     wait_for(lambda: position_s(client) == 3.0)
-    expect(playing.locator("#camera .picture-badge")).to_have_text("Paused")
+    expect(playing.locator("#camera .camera-badge")).to_have_text("Paused")
 
 
 def test_speed(playing: Page, client: httpx.Client) -> None:
@@ -111,10 +111,10 @@ def test_the_player_covers_nothing_and_is_large_enough(browser: Browser, server:
     page = context.new_page()
     page.goto(server.url)
     expect(page.locator("#player-play")).to_be_enabled()
-    for part in ("#player", "#player-play", "#player-position", "#player-speed", "#camera-picture"):
+    for part in ("#player", "#player-play", "#player-position", "#player-speed", "#camera-image"):
         expect(page.locator(part)).to_be_in_viewport(ratio=0.99)
     # A page that opens while nothing plays has the image too.
-    expect(page.locator("#camera .picture-empty")).to_be_hidden()
+    expect(page.locator("#camera .camera-empty")).to_be_hidden()
     assert page.evaluate(COLLISIONS) == []
     assert page.locator("#drive").evaluate("drive => drive.scrollWidth <= drive.clientWidth"), "the drive panel is cut"
     sizes = [button.bounding_box() for button in page.locator("#player button, #player select").all()]
@@ -126,7 +126,7 @@ def test_the_player_covers_nothing_and_is_large_enough(browser: Browser, server:
 
 
 def test_nothing_of_the_recording_lingers_when_the_robot_comes_back(playing: Page, client: httpx.Client) -> None:
-    expect(playing.locator("#camera .picture-empty")).to_be_hidden()
+    expect(playing.locator("#camera .camera-empty")).to_be_hidden()
     playing.locator("#source").click()
     playing.locator("#sim-start").click()
     wait_for(lambda: client.get("/api/v1/state").json()["source"]["kind"] == "sim", START_S)

@@ -101,7 +101,7 @@ def test_without_webgl_the_robot_is_drawn_from_above(browser: Browser, dashboard
     page.context.close()
 
 
-def test_the_robot_starts_at_rest_and_in_view(dashboard: Dashboard, drawn: Page, client: httpx.Client) -> None:
+def test_the_robot_starts_stationary_and_in_view(dashboard: Dashboard, drawn: Page, client: httpx.Client) -> None:
     state = client.get("/api/v1/state").json()
     assert not state["moving"]
     assert state["control"]["id"] is None
@@ -184,7 +184,7 @@ def test_a_patrol_goes_and_the_view_follows_until_it_is_stopped(dashboard: Dashb
     poll(lambda: (moved_m(), stop.is_enabled())[1], bool, "a robot to stop")
     stop.click()
     expect(drawn.locator("#patrol-words")).to_contain_text("Patrol ended")
-    expect(drawn.locator("#session-state")).to_have_text("At rest")
+    expect(drawn.locator("#session-state")).to_have_text("Stopped")
     expect(patrol).to_be_visible()
     drawn.locator("#control-release").click()
 

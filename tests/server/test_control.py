@@ -148,7 +148,7 @@ def test_map_and_trajectory_grow(client: httpx.Client) -> None:
     assert max(abs(value) for row in paths["truth"] for value in row[1:]) < 0.05
 
 
-def test_a_patrol_is_told_what_is_free_and_where_to_turn(client: httpx.Client) -> None:
+def test_clearance_says_what_is_free_and_where_a_patrol_steers(client: httpx.Client) -> None:
     """The fake robot looks at a flat picture 1 m away, nearer than a patrol goes straight towards."""
     path = "/api/v1/map/clearance"
     wait_for(lambda: client.get("/api/v1/map").json()["points"] > 0)
@@ -178,7 +178,7 @@ def test_docs_and_metrics(client: httpx.Client) -> None:
     assert "https://" not in docs
 
 
-def test_metrics_tell_of_session_link_estimator_and_control(client: httpx.Client) -> None:
+def test_metrics_cover_session_link_estimator_and_control(client: httpx.Client) -> None:
     client.post("/api/v1/gait/start").raise_for_status()
     wait_for(lambda: "snakeslam_moving 1.0" in client.get("/metrics").text)
     client.get("/api/v1/runs/ffff")

@@ -84,7 +84,7 @@ def test_a_press_begins_once_and_again_only_after_a_zero() -> None:
     ]
 
 
-def test_a_press_that_comes_late_must_be_let_go_and_a_late_zero_lets_go() -> None:
+def test_a_late_press_must_be_released_and_a_late_zero_releases() -> None:
     driver = deadman()
     assert not given(driver, 1.0, late_s=5.0)
     assert not given(driver, 1.0)
@@ -93,7 +93,7 @@ def test_a_press_that_comes_late_must_be_let_go_and_a_late_zero_lets_go() -> Non
     assert given(driver, 1.0)
 
 
-def test_a_hand_that_the_server_has_let_go_has_not_let_go_itself() -> None:
+def test_an_input_that_the_server_has_released_was_not_released_by_its_sender() -> None:
     driver = deadman()
     assert given(driver, 1.0)
     driver.release()

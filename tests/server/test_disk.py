@@ -127,7 +127,7 @@ def test_odd_artifacts_are_left_out(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL])
-def test_after_kill_9_nothing_is_left_and_the_runs_are_told_as_interrupted(
+def test_after_kill_9_nothing_is_left_and_the_runs_are_listed_as_interrupted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int
 ) -> None:
     # Short: the sockets in it have a path of 107 bytes at most.

@@ -47,7 +47,7 @@ def client(server: Running) -> Iterator[httpx.Client]:
         yield client
 
 
-def test_an_estop_does_not_wait_for_those_who_look_through_recordings(server: Running, client: httpx.Client) -> None:
+def test_an_estop_does_not_wait_for_those_who_list_recordings(server: Running, client: httpx.Client) -> None:
     """It used the same few threads, and waited for one of them to be free until it was given up."""
     looking = threading.Barrier(PLAYS + 1)
 
@@ -60,9 +60,9 @@ def test_an_estop_does_not_wait_for_those_who_look_through_recordings(server: Ru
         plays = [crowd.submit(play) for _ in range(PLAYS)]
         looking.wait()
         answer = client.post("/api/v1/estop")
-        still_looking = [not waiting.done() for waiting in plays]
+        scanning = [not waiting.done() for waiting in plays]
         assert (answer.status_code, answer.json()["estop"]["latched"]) == (200, True)
-        assert any(still_looking), "the recordings were looked through at once: the test needs larger ones"
+        assert any(scanning), "the recordings were looked through at once: the test needs larger ones"
         assert {waiting.result() for waiting in plays} == {404}
 
 

@@ -43,7 +43,7 @@ def test_what_there_is_and_what_is_in_force(client: httpx.Client) -> None:
     assert found["turn_by_deg"] == {"min": -180, "max": 180}
 
 
-def test_a_head_at_rest_is_still(client: httpx.Client) -> None:
+def test_the_head_of_a_stationary_robot_does_not_move(client: httpx.Client) -> None:
     still = wait_for(lambda: (s := client.get(HEAD).json()["stillness"])["sway_m"] is not None and s)
     assert set(still) == STILLNESS
     assert still["window_s"] == 4.0
@@ -88,7 +88,7 @@ def test_setting_the_head_moves_nothing(client: httpx.Client) -> None:
         ([], "body"),
     ],
 )
-def test_a_wrong_wish_gets_one_clear_line(client: httpx.Client, body: object, words: str) -> None:
+def test_a_wrong_request_gets_one_clear_line(client: httpx.Client, body: object, words: str) -> None:
     before = state(client)["head_control"]
     answer = client.put(HEAD, json=body)
     assert answer.status_code == 422
@@ -134,9 +134,9 @@ def test_the_telemetry_carries_the_same(server: Running, client: httpx.Client) -
     client.put(HEAD, json={"neck_joints": 6}).raise_for_status()
 
 
-def test_a_gait_that_barely_advances_is_told(client: httpx.Client) -> None:
+def test_a_gait_that_barely_advances_has_a_notice(client: httpx.Client) -> None:
     gait = {"name": "serpentine", "alpha_pi": 0.7, "wavelength_joints": 20, "period_s": 8}
-    told = client.put("/api/v1/gait", json=gait).json()["notice"]
-    assert "11 %" in told
+    notice = client.put("/api/v1/gait", json=gait).json()["notice"]
+    assert "11 %" in notice
     wait_for(lambda: client.get(HEAD).json()["stillness"]["window_s"] == 8.0)
     assert client.put("/api/v1/gait", json={"name": "serpentine"}).json()["notice"] is None

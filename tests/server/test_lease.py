@@ -154,7 +154,7 @@ def test_a_lease_that_lapses_stops_the_robot(server: Running, client: httpx.Clie
     assert refused.status_code == 409
 
 
-def test_taking_over_leaves_the_robot_moving_in_new_hands(ann: httpx.Client, client: httpx.Client) -> None:
+def test_taking_over_leaves_the_robot_moving(ann: httpx.Client, client: httpx.Client) -> None:
     ann.post("/api/v1/gait/start").raise_for_status()
     lease = client.post(LEASE, json={"name": "Bob", "take_over": True}).json()
     assert client.get("/api/v1/state").json()["moving"] is True

@@ -96,7 +96,7 @@ async def live_session(sessions: list[SlowSession]) -> Live:
     return live
 
 
-def test_a_tick_on_its_way_does_not_undo_a_reset() -> None:
+def test_a_tick_under_way_does_not_undo_a_reset() -> None:
     async def scenario() -> None:
         live = await live_session([])
         try:
@@ -137,7 +137,7 @@ def test_an_estop_during_a_reset_stays() -> None:
     asyncio.run(scenario())
 
 
-def test_who_is_refused_hears_it_and_nobody_else() -> None:
+def test_a_refusal_reaches_its_sender_and_nobody_else() -> None:
     """The session's word on one command comes with that of others, as the newest tick replaces those before it."""
 
     async def scenario() -> None:

@@ -114,7 +114,7 @@ def test_files_figures_and_websockets_are_described(schema: Any) -> None:
         ("PUT", "/metrics", "GET"),
     ],
 )
-def test_a_wrong_method_is_told_the_right_ones(client: httpx.Client, method: str, path: str, allowed: str) -> None:
+def test_a_wrong_method_gets_the_allowed_ones(client: httpx.Client, method: str, path: str, allowed: str) -> None:
     answer = client.request(method, path)
     assert (answer.status_code, answer.headers.get("allow")) == (405, allowed)
     assert answer.headers["content-type"] == "application/problem+json"

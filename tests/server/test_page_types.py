@@ -43,7 +43,7 @@ def test_no_generated_file_is_committed() -> None:
     assert said.stdout.split() == ignored
 
 
-def test_the_page_declares_no_model_of_the_server_by_hand(schema: Any) -> None:
+def test_the_page_declares_no_model_of_the_server(schema: Any) -> None:
     text = (WEB / "src" / "types.ts").read_text()
     assert "interface" not in text
     declared = re.findall(r"^export type (\w+) = (.*);$", text, re.MULTILINE)

@@ -91,7 +91,7 @@ def test_the_path_is_not_drawn_twice(playing: httpx.Client) -> None:
     assert times == sorted(set(times))
 
 
-def test_after_the_end_it_can_still_be_looked_at(playing: httpx.Client) -> None:
+def test_after_the_end_it_can_be_played_again(playing: httpx.Client) -> None:
     put(playing, paused=False, position_s=SECONDS)
     wait_for(lambda: state(playing)["session"] == "ended")
     put(playing, paused=True, position_s=2.0)
@@ -99,7 +99,7 @@ def test_after_the_end_it_can_still_be_looked_at(playing: httpx.Client) -> None:
     assert found["session"] == "running"
 
 
-def test_bad_requests_are_told_and_change_nothing(playing: httpx.Client) -> None:
+def test_bad_requests_are_answered_and_change_nothing(playing: httpx.Client) -> None:
     before = playing.get("/api/v1/playback").json()
     for request in ({"speed": 0}, {"speed": 1e9}, {"position_s": -1}, {"step": 0.5}, {"paused": "yes"}, {"rewind": 1}):
         answer = playing.put("/api/v1/playback", json=request)
@@ -151,11 +151,11 @@ def test_another_source_begins_with_nothing_of_the_one_before(playing: httpx.Cli
         assert playing.get("/api/v1/map").json()["points"] == 0 or state(playing)["session"] == "running"
         while True:
             message = socket.recv(START_S)
-            told = json.loads(message) if isinstance(message, str) else {"type": "image"}
-            if told["type"] == "state" and told["session_number"] > number:
+            said = json.loads(message) if isinstance(message, str) else {"type": "image"}
+            if said["type"] == "state" and said["session_number"] > number:
                 break
         # No image and no tick of the recording follows: those of the simulator carry no playback.
-        while not isinstance(message, str) or (told := json.loads(message))["type"] != "tick":
+        while not isinstance(message, str) or (said := json.loads(message))["type"] != "tick":
             message = socket.recv(START_S)
-        assert told["playback"] is None
+        assert said["playback"] is None
     assert playing.put("/api/v1/playback", json={"paused": True}).status_code == 409

@@ -143,7 +143,7 @@ def listening_ports(pid: int) -> set[tuple[str, int]]:
     return found
 
 
-def test_a_killed_server_takes_its_session_along(begin: Callable[..., Running]) -> None:
+def test_a_killed_server_ends_its_session(begin: Callable[..., Running]) -> None:
     running = begin()
     wait_running(running)
     below = children(running.process.pid)

@@ -66,7 +66,7 @@ def kept(server: viser.ViserServer) -> list[Any]:
     return list(server._websock_server._broadcast_buffer.message_from_id.values())
 
 
-def test_a_link_is_a_closed_surface_that_looks_outwards() -> None:
+def test_a_link_is_a_closed_surface_that_faces_outwards() -> None:
     vertices, faces = capsule_mesh(0.09, 0.03)
     edges = Counter((int(a), int(b)) for face in faces for a, b in zip(face, np.roll(face, -1), strict=True))
     assert set(edges.values()) == {1}
@@ -95,7 +95,7 @@ def test_a_path_of_a_day_stays_in_memory() -> None:
     assert times.max() <= 1.2 * times.min()
 
 
-def test_a_rest_takes_no_detail_from_the_path_before_it() -> None:
+def test_a_stationary_time_removes_no_detail_from_the_path_before_it() -> None:
     """A circle driven in 100 s, then a rest of 48 min: the circle is still round, in the rows and as drawn."""
     path, T = TimedPath(), np.eye(4)
     for k in range(60_000):

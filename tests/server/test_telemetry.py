@@ -36,7 +36,7 @@ def collect(stream: ClientConnection, done: Callable[[list[str | bytes]], object
     return found
 
 
-def ticks_told(count: int) -> Callable[[list[str | bytes]], bool]:
+def ticks_said(count: int) -> Callable[[list[str | bytes]], bool]:
     return lambda messages: len(texts(messages, "tick")) >= count
 
 
@@ -47,7 +47,7 @@ def texts(messages: list[str | bytes], kind: str) -> list[dict]:
 def test_state_comes_first_and_ticks_follow_at_no_more_than_20_hz(server: Running, client: httpx.Client) -> None:
     with listen(server) as stream:
         first, started = json.loads(stream.recv(timeout=30)), time.monotonic()
-        messages = collect(stream, ticks_told(20))
+        messages = collect(stream, ticks_said(20))
         seconds = time.monotonic() - started
     assert first.pop("type") == "state"
     assert set(first) == set(client.get("/api/v1/state").json())
@@ -64,10 +64,10 @@ def test_state_comes_first_and_ticks_follow_at_no_more_than_20_hz(server: Runnin
     assert tick["error_m"] < 0.05
 
 
-def test_pictures_come_and_so_do_their_features(server: Running) -> None:
+def test_images_come_and_so_do_their_features(server: Running) -> None:
     with listen(server) as stream:
-        pictures, features = collect_pair(stream)
-    seq, (header, jpeg) = next((seq, pictures[seq]) for seq in features if seq in pictures)
+        images, features = collect_pair(stream)
+    seq, (header, jpeg) = next((seq, images[seq]) for seq in features if seq in images)
     assert (header["width"], header["height"]) == (320, 240)
     assert features[seq]["tracks"]
     for x_px, y_px, inlier, _ in features[seq]["tracks"]:
@@ -81,27 +81,27 @@ def test_pictures_come_and_so_do_their_features(server: Running) -> None:
 
 def collect_pair(stream: ClientConnection) -> tuple[dict[int, tuple[dict, bytes]], dict[int, dict]]:
     """Read until some picture and its own features have come; slam may be behind the camera on a busy machine."""
-    pictures: dict[int, tuple[dict, bytes]] = {}
+    images: dict[int, tuple[dict, bytes]] = {}
     features: dict[int, dict] = {}
     until = time.monotonic() + WAIT_S
-    while not pictures.keys() & features.keys():
+    while not images.keys() & features.keys():
         message = stream.recv(timeout=max(0.0, until - time.monotonic()))
         if isinstance(message, bytes):
             assert message[0] == 1
             (length,) = struct.unpack_from("<I", message, 1)
             header = json.loads(message[5 : 5 + length])
-            pictures[header["seq"]] = (header, message[5 + length :])
-        elif (told := json.loads(message))["type"] == "features":
-            features[told["seq"]] = told
-    return pictures, features
+            images[header["seq"]] = (header, message[5 + length :])
+        elif (message := json.loads(message))["type"] == "features":
+            features[message["seq"]] = message
+    return images, features
 
 
-def test_a_change_is_told(server: Running, client: httpx.Client) -> None:
+def test_a_change_is_published(server: Running, client: httpx.Client) -> None:
     latched = {"latched": True, "reason": "test"}
     with listen(server) as stream:
-        collect(stream, ticks_told(3))
+        collect(stream, ticks_said(3))
         client.post("/api/v1/estop", json={"reason": "test"})
-        collect(stream, lambda told: any(s["estop"] == latched for s in texts(told, "state")) and _warned(told))
+        collect(stream, lambda said: any(s["estop"] == latched for s in texts(said, "state")) and _warned(said))
 
 
 def _warned(messages: list[str | bytes]) -> bool:
@@ -122,14 +122,14 @@ def test_a_client_that_does_not_read_hurts_nobody(server: Running) -> None:
         f"GET /api/v1/telemetry HTTP/1.1\r\nHost: {host}\r\nAuthorization: Bearer {TOKEN}\r\n{key}\r\n\r\n".encode()
     )
     with slow, listen(server) as quick:
-        collect(quick, ticks_told(60))
+        collect(quick, ticks_said(60))
 
 
 def test_what_a_client_says_is_ignored(server: Running) -> None:
     with listen(server) as stream:
         stream.send("stop!")
         stream.send(b"\x00" * 1000)
-        collect(stream, ticks_told(1))
+        collect(stream, ticks_said(1))
 
 
 def test_a_queue_keeps_the_newest_of_each_kind_and_the_last_events() -> None:

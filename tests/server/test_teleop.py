@@ -138,7 +138,7 @@ def test_a_latched_robot_is_not_driven(server: Running, client: httpx.Client, le
     client.post("/api/v1/estop/reset").raise_for_status()
 
 
-def test_an_estop_while_driving_holds_though_the_hand_goes_on(
+def test_an_estop_while_driving_holds_though_the_input_goes_on(
     server: Running, client: httpx.Client, lease: str
 ) -> None:
     with teleop(server, lease) as driver:

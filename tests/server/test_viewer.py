@@ -91,7 +91,7 @@ def test_the_page_comes_through_with_its_policy(client: httpx.Client) -> None:
 @pytest.mark.parametrize(
     "query", ["?websocket=ws://evil.example", "?playbackPath=http://evil.example/x", "?a=1&websocket="]
 )
-def test_the_page_takes_no_other_source(client: httpx.Client, query: str) -> None:
+def test_the_page_accepts_no_other_source(client: httpx.Client, query: str) -> None:
     assert client.get(f"/viewer/{query}").status_code == 400
 
 
@@ -111,7 +111,7 @@ def test_the_scene_comes_through(server: Running) -> None:
     assert any(name.startswith("/map/") for name in names)
 
 
-def test_another_viewer_version_is_told_so(server: Running) -> None:
+def test_another_viewer_version_is_refused_with_a_reason(server: Running) -> None:
     with viewer(server, "viser-v0.2.0") as socket:
         assert close_of(socket)[0] == 1002
     with viewer(server, query="?websocket=ws://evil.example") as socket:

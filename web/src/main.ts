@@ -34,7 +34,7 @@ import { startTheme } from "./basics/theme";
 import "./styles/link-down.css";
 import "./styles/screens.css";
 
-/** Nothing that the server tells is read only once: it may restart with another configuration, or the sign-in change. */
+/** Nothing that the server says is read only once: it may restart with another configuration, or the sign-in change. */
 function keepFresh(app: App): void {
   app.link.watch(({ phase }) => phase === "live" && void app.reload());
   // Another tab of this browser may have signed in as somebody else.

@@ -1,14 +1,14 @@
 // Runs in the 3D view's frame before viser does: drawing must never crowd out the operator's controls.
 //
-// viser draws as often as the browser lets it. Without a graphics card one picture takes a good part of a second, the
-// page and the simulator wait for it, and a stop would come late. So after each picture the view rests, the longer
-// the longer the picture took; and what costs most and shows least is left out where a processor draws.
+// viser draws as often as the browser lets it. Without a graphics card one frame takes a good part of a second, the
+// page and the simulator wait for it, and a stop would come late. So after each frame the view pauses, the longer
+// the longer the frame took; and what costs most and shows least is left out where a processor draws.
 {
-  const FREE_MS = 20; // a picture this quick comes from a graphics card, and nobody waits for it
-  const REST = 12; // times the picture's own duration
-  const REST_IN_HAND = 1; // while the view is being turned
-  const LONGEST_REST_MS = 3000;
-  const SLOW_MS = 120; // fewer points are drawn until a picture takes less than this,
+  const FREE_MS = 20; // a frame this quick comes from a graphics card, and nobody waits for it
+  const PAUSE = 12; // times the frame's own duration
+  const PAUSE_IN_HAND = 1; // while the view is being turned
+  const LONGEST_PAUSE_MS = 3000;
+  const SLOW_MS = 120; // fewer points are drawn until a frame takes less than this,
   const QUICK_MS = 50; // and more again when it takes less than this
   const LEAST_DETAIL = 0.02;
   const FIRST_DETAIL = 0.15;
@@ -21,13 +21,13 @@
   let inHand = false;
   let notBefore = 0;
   let detail = 1; // share of the map's points that are drawn, for scene.ts
-  const tell = () => ((window as { snakeslamDetail?: number }).snakeslamDetail = detail);
+  const publish = () => ((window as { snakeslamDetail?: number }).snakeslamDetail = detail);
 
   function ask(): void {
     if (asked) return;
     asked = true;
-    const rest = notBefore - performance.now();
-    if (rest > 1) setTimeout(() => nativeRequest(draw), rest);
+    const pause = notBefore - performance.now();
+    if (pause > 1) setTimeout(() => nativeRequest(draw), pause);
     else nativeRequest(draw);
   }
 
@@ -37,14 +37,14 @@
     asked = false;
     notBefore = Infinity;
     const begun = performance.now();
-    // The browser asks for the next picture when this one is through.
+    // The browser asks for the next frame when this one is done.
     nativeRequest(() => {
       const took = performance.now() - begun;
-      const rest = took < FREE_MS ? 0 : Math.min(took * (inHand ? REST_IN_HAND : REST), LONGEST_REST_MS);
-      notBefore = performance.now() + rest;
+      const pause = took < FREE_MS ? 0 : Math.min(took * (inHand ? PAUSE_IN_HAND : PAUSE), LONGEST_PAUSE_MS);
+      notBefore = performance.now() + pause;
       if (took > SLOW_MS) detail = Math.max(LEAST_DETAIL, detail / 1.5);
       else if (took < QUICK_MS) detail = Math.min(1, detail * 1.1);
-      tell();
+      publish();
       if (waiting.size) ask();
     });
     for (const callback of callbacks.values())
@@ -80,8 +80,8 @@
       return native.call(this, kind, { ...options, antialias: false });
     } as typeof HTMLCanvasElement.prototype.getContext;
     Object.defineProperty(window, "devicePixelRatio", { get: () => 0.5 });
-    // The first picture comes soon and coarse.
+    // The first frame comes soon and coarse.
     detail = FIRST_DETAIL;
-    tell();
+    publish();
   }
 }

@@ -31,7 +31,7 @@ export class App {
   readonly catalogue = new Cell<GaitEntry[]>([]);
   readonly role = new Cell<Role>("viewer");
   readonly lease = new LeaseKeeper(this.state, this.role);
-  /** Of the telemetry socket, and from drive input to the session's word that it obeyed; null when not known. */
+  /** Of the telemetry socket, and from drive input to the session's answer that it was obeyed; null when not known. */
   readonly roundTripMs = new Cell<number | null>(null);
   readonly commandMs = new Cell<number | null>(null);
   readonly runs = new Cell<Run[]>([]);
@@ -104,7 +104,7 @@ export class App {
       } catch (error) {
         if (error instanceof ApiError && error.status === 401) this.report(error);
         if (this.link.get().phase !== "live") return null;
-        // Whoever can do something about it is told once; the page goes on asking.
+        // It is reported once, to whoever can do something about it; the page goes on asking.
         if (delayMs === RETRY_MS) this.report(error);
         await new Promise((resolve) => setTimeout(resolve, delayMs));
       }

@@ -17,7 +17,7 @@ export class Telemetry {
   private asking = false;
 
   constructor(private readonly app: App) {
-    this.worker.onmessage = ({ data }: MessageEvent<FromWorker>) => this.hear(data);
+    this.worker.onmessage = ({ data }: MessageEvent<FromWorker>) => this.onMessage(data);
     this.worker.onerror = (event) => {
       const error = new Error(`the telemetry's worker: ${event.message || "it could not be loaded"}`);
       app.report(error);
@@ -36,56 +36,56 @@ export class Telemetry {
     this.connect();
   }
 
-  /** Have the camera's picture and its features drawn on these canvases, which nobody else may draw on then. */
-  drawOn(picture: HTMLCanvasElement, overlay: HTMLCanvasElement): void {
-    const canvases = { picture: picture.transferControlToOffscreen(), overlay: overlay.transferControlToOffscreen() };
-    this.tell({ kind: "draw", ...canvases }, Object.values(canvases));
+  /** Have the camera's image and its features drawn on these canvases, which nobody else may draw on then. */
+  drawOn(image: HTMLCanvasElement, overlay: HTMLCanvasElement): void {
+    const canvases = { image: image.transferControlToOffscreen(), overlay: overlay.transferControlToOffscreen() };
+    this.post({ kind: "draw", ...canvases }, Object.values(canvases));
   }
 
   /** Say whether the features are drawn, and in what colours. */
   mark(shown: boolean, colours: Colours): void {
-    this.tell({ kind: "mark", shown, colours });
+    this.post({ kind: "mark", shown, colours });
   }
 
-  /** Say whether pictures are turned upright: they then wait for the estimator to say how far. */
+  /** Say whether images are turned upright: they then wait for the estimator to say how far. */
   setLevel(level: boolean): void {
-    this.tell({ kind: "level", level });
+    this.post({ kind: "level", level });
   }
 
   /** Wipe the camera's image: it belongs to a session that is over. */
   clear(): void {
-    this.tell({ kind: "clear" });
+    this.post({ kind: "clear" });
   }
 
-  private tell(message: ToWorker, transfer: Transferable[] = []): void {
+  private post(message: ToWorker, transfer: Transferable[] = []): void {
     this.worker.postMessage(message, transfer);
   }
 
   private connect(): void {
     const scheme = location.protocol === "https:" ? "wss" : "ws";
-    this.tell({ kind: "connect", url: `${scheme}://${location.host}/api/v1/telemetry` });
+    this.post({ kind: "connect", url: `${scheme}://${location.host}/api/v1/telemetry` });
   }
 
-  private hear(said: FromWorker): void {
+  private onMessage(said: FromWorker): void {
     if (said.kind === "open") {
       this.open = true;
       this.app.opened.emit();
     } else if (said.kind === "closed") void this.dropped(said.reason);
     else if (said.kind === "round-trip") this.app.roundTripMs.set(said.ms);
-    else if (said.kind === "picture") {
-      this.heard();
-      this.app.image.emit(said.picture);
+    else if (said.kind === "image") {
+      this.noteAlive();
+      this.app.image.emit(said.image);
     } else this.receive(said.message);
   }
 
   private receive(message: Message): void {
-    this.heard();
+    this.noteAlive();
     if (message.type === "tick") this.app.tick.emit(message);
     else if (message.type === "event") this.app.timeline.emit(message);
     else this.app.state.set(message);
   }
 
-  private heard(): void {
+  private noteAlive(): void {
     this.app.lastMessageMs = performance.now();
     this.delayMs = FIRST_DELAY_MS;
     if (this.app.link.get().phase !== "live") this.app.link.set({ phase: "live", retryAtMs: null });
@@ -116,7 +116,7 @@ export class Telemetry {
     this.asking = true;
     try {
       this.app.state.set(await api.state(SILENT_AFTER_MS));
-      this.heard();
+      this.noteAlive();
     } catch {
       this.app.link.set({ phase: "silent", retryAtMs: null });
     } finally {

@@ -4,7 +4,7 @@ import type { App } from "./app";
 
 /** The one address. viser adds `?websocket=` to its own, which the server refuses, so the frame is never just reloaded. */
 const ADDRESS = "/viewer/";
-const LOOK_MS = 200;
+const POLL_MS = 200;
 const PAINT_MS = 50;
 const FIRST_DELAY_MS = 2000;
 const LAST_DELAY_MS = 16_000;
@@ -21,7 +21,7 @@ export function loadViewer(app: App, frame: HTMLIFrameElement, mayLoad: () => bo
   let delayMs = FIRST_DELAY_MS;
   let notBeforeMs = 0;
   let stale = true;
-  const look = () => {
+  const poll = () => {
     if (app.link.get().phase !== "live" || !mayLoad() || performance.now() < notBeforeMs || (!stale && isViewer(frame))) return;
     stale = false;
     notBeforeMs = performance.now() + LOADING_MS;
@@ -41,5 +41,5 @@ export function loadViewer(app: App, frame: HTMLIFrameElement, mayLoad: () => bo
     if (phase === "live" && stale) notBeforeMs = 0;
   });
   // Not every page that takes the frame says so: the browser's own errors may come without an event.
-  window.setInterval(look, LOOK_MS);
+  window.setInterval(poll, POLL_MS);
 }

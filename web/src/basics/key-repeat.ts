@@ -1,10 +1,10 @@
-// Notices a key that was let go without a key-up: its repeats stop. Some systems swallow key-ups (macOS while Command is
+// Notices a key that was released without a key-up: its repeats stop. Some systems swallow key-ups (macOS while Command is
 // down, menus, gestures that take the keyboard), and a drive must not hang on an event that may never come.
 
 /** Longer than any stutter of a browser that gets on. */
 const LEAST_SILENCE_MS = 500;
 const INTERVALS = 4;
-/** Seen at several looks: a page that was busy itself has key events waiting. */
+/** Judged over several polls: a page that was busy itself has key events in its queue. */
 const LATE_LOOKS = 3;
 
 /** Follows the key pressed last, the only one that repeats. Where a keyboard has never repeated, nothing is concluded. */

@@ -21,7 +21,7 @@ async function decode(jpeg: Uint8Array<ArrayBuffer>): Promise<VideoFrame | Image
 /** Draws the newest frame only: while one is being decoded, a newer one replaces the one that waits.
  *
  * A frame is shown at once, with the newest features known, which are often those of the frame before; its own follow.
- * A picture that is to be turned upright waits for them, because with them comes how far it is rolled.
+ * An image that is to be turned upright waits for them, because they say how far it is rolled.
  */
 export class Painter {
   private marked = true;
@@ -36,7 +36,7 @@ export class Painter {
   private epoch = 0;
 
   constructor(
-    private readonly picture: OffscreenCanvas,
+    private readonly image: OffscreenCanvas,
     private readonly overlay: OffscreenCanvas,
     private readonly shown: (frame: Frame, rollDeg: number | null) => void,
   ) {}
@@ -50,7 +50,7 @@ export class Painter {
   follow(features: Features): void {
     this.features = features;
     if (this.held && this.held.seq <= features.seq) this.draw(this.held);
-    // Where a newer picture is on the screen already, they wait for the next: one change of the screen for both.
+    // Where a newer image is on the screen already, they wait for the next: one change of the screen for both.
     else if (features.seq >= this.shownSeq || !this.waiting) this.drawTracks();
   }
 
@@ -77,7 +77,7 @@ export class Painter {
     this.held = this.waiting = this.features = null;
     this.shownSeq = -1;
     this.epoch++;
-    for (const canvas of [this.picture, this.overlay]) canvas.getContext("2d")?.clearRect(0, 0, canvas.width, canvas.height);
+    for (const canvas of [this.image, this.overlay]) canvas.getContext("2d")?.clearRect(0, 0, canvas.width, canvas.height);
   }
 
   private async drain(): Promise<void> {
@@ -91,18 +91,18 @@ export class Painter {
         if (epoch === this.epoch) this.paint(frame, image);
         else image.close();
       } catch (error) {
-        console.warn("a camera picture could not be decoded", error);
+        console.warn("a camera image could not be decoded", error);
       }
     }
     this.busy = false;
   }
 
   private paint(frame: Frame, image: VideoFrame | ImageBitmap): void {
-    for (const canvas of [this.picture, this.overlay]) {
+    for (const canvas of [this.image, this.overlay]) {
       if (canvas.width !== frame.width) canvas.width = frame.width;
       if (canvas.height !== frame.height) canvas.height = frame.height;
     }
-    this.picture.getContext("2d", { alpha: false })?.drawImage(image, 0, 0, frame.width, frame.height);
+    this.image.getContext("2d", { alpha: false })?.drawImage(image, 0, 0, frame.width, frame.height);
     image.close();
     this.shownSeq = frame.seq;
     this.drawTracks();

@@ -5,8 +5,8 @@
 
 export type Point = [number, number, number];
 export type Layer = "map" | "estimate" | "truth" | "body" | "camera";
-/** What the view is doing, from its first byte to its first picture. */
-export type Stage = "program" | "scene" | "picture" | "drawn";
+/** What the view is doing, from its first byte to its first frame. */
+export type Stage = "program" | "scene" | "frame" | "drawn";
 
 const NODES: Record<Layer, string[]> = {
   map: ["/map"],
@@ -21,7 +21,7 @@ const MOST_GROWTH = 4;
 /** So many points are drawn however slow the machine is. */
 const FEWEST_POINTS = 6000;
 const PICK_PX = 10;
-/** Triangles of a picture that has no body in it yet, at most: a link alone has 144. */
+/** Triangles of a frame that has no body in it yet, at most: a link alone has 144. */
 const WITHOUT_BODY = 1000;
 
 // The part of three.js and viser that is used.
@@ -92,7 +92,7 @@ export class Scene3D {
   /** The program that has drawn; another one, after loading again, has not. */
   private drawnBy: Viser | null = null;
   pointSizeM = 0.016;
-  /** A robot is known: a picture without it is not the first one. */
+  /** A robot is known: a frame without it is not the first one. */
   expectsBody = false;
 
   constructor(private readonly frame: HTMLIFrameElement) {}
@@ -105,7 +105,7 @@ export class Scene3D {
     const triangles = window.__viserTestpoints?.rendererInfo?.render?.triangles ?? 0;
     if (triangles <= (this.expectsBody ? WITHOUT_BODY : 0)) {
       window.__viserMutable.requestRender();
-      return "picture";
+      return "frame";
     }
     this.drawnBy = window.__viserMutable;
     return "drawn";
@@ -143,7 +143,7 @@ export class Scene3D {
     return (2 * distance(from, to) * Math.tan((camera.fov * Math.PI) / 360)) / height;
   }
 
-  look(from: Point, to: Point): void {
+  moveCamera(from: Point, to: Point): void {
     const controls = this.viser?.cameraControl;
     if (!controls || !this.ready) return;
     const [a, b] = [this.toThree(from), this.toThree(to)];
@@ -151,10 +151,10 @@ export class Scene3D {
     controls.setTarget(b.x, b.y, b.z, false);
   }
 
-  /** Move the camera along, however it has been turned by hand. */
+  /** Move the camera along, however the operator has turned it. */
   shift(by: Point): void {
     const [from, to] = [this.position, this.target];
-    if (from && to) this.look(plus(from, by), plus(to, by));
+    if (from && to) this.moveCamera(plus(from, by), plus(to, by));
   }
 
   show(layer: Layer, shown: boolean): void {
@@ -165,7 +165,7 @@ export class Scene3D {
     this.viser?.requestRender();
   }
 
-  /** viser sets a node's visibility in each picture: the property itself says no while its layer is off. */
+  /** viser sets a node's visibility in each frame: the property itself says no while its layer is off. */
   private govern(): void {
     for (const [layer, names] of Object.entries(NODES) as [Layer, string[]][])
       for (const name of names) {

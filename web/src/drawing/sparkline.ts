@@ -8,7 +8,7 @@ export class Sparkline {
 
   constructor(
     private readonly capacity = 300,
-    /** The least range shown, so that noise at rest does not look like motion. */
+    /** The least range shown, so that the noise of a stationary robot does not look like motion. */
     private readonly minimumSpan = 1,
     private readonly symmetric = false,
   ) {

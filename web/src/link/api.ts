@@ -55,7 +55,7 @@ function problemDetail(text: string): string | null {
     const body = JSON.parse(text) as { detail?: unknown; title?: unknown } | null;
     for (const words of [body?.detail, body?.title]) if (typeof words === "string" && words !== "") return words;
   } catch {
-    // Not JSON: the caller says what the status tells.
+    // Not JSON: the caller says what the status means.
   }
   return null;
 }

@@ -9,7 +9,7 @@ export function errorLine(error: unknown): string {
   return `This page made a mistake (${detail}). Reload it; the robot does not depend on it.`;
 }
 
-/** Say what no caller has caught: a page that has a fault must not look as if all were well. */
+/** Report what no caller has caught: a page with a fault must not look as if all were well. */
 export function watchFailures(report: (error: unknown) => void): void {
   window.addEventListener("error", (event) => {
     // Resources that fail to load have no error object, and ResizeObserver's warning is none of ours.

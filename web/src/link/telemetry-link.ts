@@ -8,7 +8,7 @@ export type Message = Extract<TelemetryMessage, { type: "state" | "tick" | "even
 
 export type ToWorker =
   | { kind: "connect"; url: string }
-  | { kind: "draw"; picture: OffscreenCanvas; overlay: OffscreenCanvas }
+  | { kind: "draw"; image: OffscreenCanvas; overlay: OffscreenCanvas }
   | { kind: "mark"; shown: boolean; colours: Colours }
   | { kind: "level"; level: boolean }
   | { kind: "clear" };
@@ -18,7 +18,7 @@ export type FromWorker =
   | { kind: "closed"; reason: string }
   | { kind: "message"; message: Message }
   | { kind: "round-trip"; ms: number | null }
-  | { kind: "picture"; picture: ShownImage };
+  | { kind: "image"; image: ShownImage };
 
 const FRAME_KIND = 1;
 

@@ -1,5 +1,5 @@
-// Runs beside the page, in a thread of its own: the telemetry socket and the camera's picture. Where a processor draws
-// the 3D view, the page is busy for a fifth of a second at a time, and the operator's picture does not wait for that.
+// Runs beside the page, in a thread of its own: the telemetry socket and the camera's image. Where a processor draws
+// the 3D view, the page is busy for a fifth of a second at a time, and the operator's image does not wait for that.
 
 import { Painter } from "../drawing/painter";
 import { parseFrame, type FromWorker, type ToWorker } from "./telemetry-link";
@@ -50,15 +50,15 @@ function ping(): void {
   } else page.postMessage({ kind: "round-trip", ms: null });
 }
 
-function draw(picture: OffscreenCanvas, overlay: OffscreenCanvas): void {
-  painter = new Painter(picture, overlay, ({ t_s, seq, width, height }, roll_deg) =>
-    page.postMessage({ kind: "picture", picture: { t_s, seq, width, height, roll_deg, shown_ms: epochMs() } }),
+function draw(image: OffscreenCanvas, overlay: OffscreenCanvas): void {
+  painter = new Painter(image, overlay, ({ t_s, seq, width, height }, roll_deg) =>
+    page.postMessage({ kind: "image", image: { t_s, seq, width, height, roll_deg, shown_ms: epochMs() } }),
   );
 }
 
 page.onmessage = ({ data }) => {
   if (data.kind === "connect") connect(data.url);
-  else if (data.kind === "draw") draw(data.picture, data.overlay);
+  else if (data.kind === "draw") draw(data.image, data.overlay);
   else if (data.kind === "mark") painter?.mark(data.shown, data.colours);
   else if (data.kind === "clear") painter?.clear();
   else painter?.setLevel(data.level);

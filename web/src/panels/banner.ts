@@ -30,7 +30,7 @@ export function mountLinkBanner(app: App): void {
   app.redraw.every(200, refresh);
 }
 
-/** Says that the robot has stopped because it saw nothing, and offers the way back. */
+/** Says that the robot has stopped because it saw nothing, and offers to back it up. */
 export function mountBlindBanner(app: App): void {
   const banner = byId("blind-banner");
   const text = h("p");

@@ -1,4 +1,4 @@
-// The camera's picture with the tracked features on top; says so when the picture stands still.
+// The camera's image with the tracked features on top; says so when the image is frozen.
 
 import type { App } from "../app/app";
 import { byId, cssColour, h, setText } from "../basics/dom";
@@ -10,20 +10,20 @@ import type { Playback, ShownImage } from "../types";
 const FROZEN_AFTER_MS = 1000;
 
 export function mountCamera(app: App, telemetry: Telemetry): void {
-  const picture = h("canvas", { id: "camera-picture", role: "img", "aria-label": "Picture of the head camera" });
+  const image = h("canvas", { id: "camera-image", role: "img", "aria-label": "Image of the head camera" });
   const overlay = h("canvas", { id: "camera-overlay", "aria-hidden": "true" });
-  const badge = h("span", { class: "picture-badge", hidden: true });
-  const empty = h("p", { class: "picture-empty" }, "No picture yet");
+  const badge = h("span", { class: "camera-badge", hidden: true });
+  const empty = h("p", { class: "camera-empty" }, "No image yet");
   const rate = h("span", { class: "muted num", id: "camera-rate" });
   const toggle = h("button", { class: "toggle", type: "button", "aria-pressed": "true", id: "features-toggle" }, "Features");
   const level = h("button", { class: "toggle", type: "button", "aria-pressed": "false", id: "level-toggle" }, "Level");
-  level.title = "Turn the picture upright while the head rolls";
+  level.title = "Turn the image upright while the head rolls";
   byId("camera").append(
     h("header", { class: "panel-head" }, h("h2", {}, "Camera"), rate, level, toggle),
-    h("div", { class: "picture", id: "picture" }, picture, overlay, empty, badge, legend()),
+    h("div", { class: "camera-stage", id: "camera-stage" }, image, overlay, empty, badge, legend()),
   );
-  telemetry.drawOn(picture, overlay);
-  const turned = new Turned(picture, overlay);
+  telemetry.drawOn(image, overlay);
+  const turned = new Turned(image, overlay);
   let marked = true;
   const mark = () => telemetry.mark(marked, { inlier: cssColour("--inlier"), outlier: cssColour("--outlier") });
   toggle.addEventListener("click", () => {
@@ -41,18 +41,18 @@ export function mountCamera(app: App, telemetry: Telemetry): void {
   let shownMs: number | null = null;
   app.image.on((shown) => {
     shownMs = shown.shown_ms - performance.timeOrigin;
-    picture.dataset["seq"] = String(shown.seq);
+    image.dataset["seq"] = String(shown.seq);
     turned.turn(shown);
     empty.hidden = true;
   });
   app.cleared.on(() => {
     shownMs = null;
-    delete picture.dataset["seq"];
+    delete image.dataset["seq"];
     empty.hidden = false;
     telemetry.clear();
   });
   let rateHz: number | null = null;
-  // Ticks tell how a recording plays; the state is sent anew only when something else changes.
+  // Ticks say how a recording plays; the state is sent anew only when something else changes.
   let playback: Playback | null = null;
   app.state.watch((state) => (playback = state?.playback ?? null));
   app.tick.on((tick) => {
@@ -82,13 +82,13 @@ function legend(): HTMLElement {
   );
 }
 
-/** Despun: the whole picture turned against the head's roll, small enough to stay inside at any angle. */
+/** Despun: the whole image turned against the head's roll, small enough to stay inside at any angle. */
 class Turned {
   private level = false;
   private last: ShownImage | null = null;
 
   constructor(
-    private readonly picture: HTMLCanvasElement,
+    private readonly image: HTMLCanvasElement,
     private readonly overlay: HTMLCanvasElement,
   ) {}
 
@@ -103,7 +103,7 @@ class Turned {
     this.last = { ...shown, roll_deg };
     const scale = shown.height / Math.hypot(shown.width, shown.height);
     const turned = this.level ? `rotate(${roll_deg}deg) scale(${scale.toFixed(3)})` : "";
-    for (const canvas of [this.picture, this.overlay])
+    for (const canvas of [this.image, this.overlay])
       if (canvas.style.transform !== turned) canvas.style.transform = turned;
   }
 }

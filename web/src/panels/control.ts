@@ -64,7 +64,7 @@ function makeName(app: App): { root: HTMLElement; show: (viewer: boolean, editab
   edit(false);
   return {
     root,
-    // The line keeps its place while control comes and goes: the pad below must not move.
+    // The line stays where it is while control comes and goes: the pad below must not move.
     show: (viewer, editable) => {
       root.hidden = viewer;
       change.hidden = !editable;
@@ -84,7 +84,7 @@ function controlWords(app: App): string {
   return holder ? `${holder} has control.` : "Nobody has control.";
 }
 
-/** In one word or two, for the top bar. */
+/** In a few words, for the top bar. */
 export function controlChip(app: App): string {
   if (app.lease.mine) return "You";
   return app.state.get()?.control.holder ?? "Nobody";

@@ -9,12 +9,12 @@ import "../styles/panels/estimator.css";
 import type { Health, RobotState, Tick, Verdict } from "../types";
 import { Readout } from "./readout";
 
-const WORDS: Record<Verdict, { word: string; meaning: string; icon: IconName }> = {
-  initialising: { word: "Initialising", meaning: "Finding the first pose", icon: "dots" },
-  good: { word: "Good", meaning: "The pose rests on the camera", icon: "check" },
-  degraded: { word: "Degraded", meaning: "The pose is less certain", icon: "warn" },
-  blind: { word: "Blind", meaning: "No help from the camera, drifting", icon: "cross" },
-  lost: { word: "Lost", meaning: "The pose cannot be trusted", icon: "cross" },
+const WORDS: Record<Verdict, { title: string; meaning: string; icon: IconName }> = {
+  initialising: { title: "Initialising", meaning: "Finding the first pose", icon: "dots" },
+  good: { title: "Good", meaning: "The pose rests on the camera", icon: "check" },
+  degraded: { title: "Degraded", meaning: "The pose is less certain", icon: "warn" },
+  blind: { title: "Blind", meaning: "No help from the camera, drifting", icon: "cross" },
+  lost: { title: "Lost", meaning: "The pose cannot be trusted", icon: "cross" },
 };
 
 const NEW_MAP = "New map, not connected to the old one";
@@ -29,15 +29,15 @@ const MODES: Record<string, string> = {
 
 export function mountEstimator(app: App): void {
   const mark = h("span", { class: "verdict-icon" });
-  const word = h("strong", { id: "verdict" });
+  const title = h("strong", { id: "verdict" });
   const why = h("p", { class: "verdict-why", id: "verdict-reasons" });
   const mode = h("span", { class: "muted", id: "estimator-mode" });
-  const box = h("div", { class: "verdict", role: "status", "aria-live": "polite" }, mark, h("div", {}, word, why));
+  const box = h("div", { class: "verdict", role: "status", "aria-live": "polite" }, mark, h("div", {}, title, why));
   const tracks = new Readout({ id: "tracks", label: "Tracked features", unit: "", trend: new Sparkline(300, 40) });
   const error = new Readout({ id: "error", label: "Error", unit: "cm", trend: new Sparkline(300, 1) });
   const governor = h("p", { class: "governor", id: "governor", role: "status", hidden: true });
   const distance = new Readout({ id: "distance", label: "Path of the head", unit: "m" });
-  distance.root.title = "Length of the way the head has gone, its swaying included";
+  distance.root.title = "Length of the path of the head, its swaying included";
   error.root.title = "Position error of the estimate against the simulator's truth";
   byId("estimator").append(
     h("header", { class: "panel-head" }, h("h2", {}, "Estimator"), mode),
@@ -53,13 +53,13 @@ export function mountEstimator(app: App): void {
   const show = (health: Health) => {
     const apart = !health.map_connected && (health.verdict === "good" || health.verdict === "degraded");
     const shown = apart ? "degraded" : health.verdict;
-    const words = apart ? { ...WORDS.degraded, word: NEW_MAP } : WORDS[health.verdict];
+    const words = apart ? { ...WORDS.degraded, title: NEW_MAP } : WORDS[health.verdict];
     byId("new-map-key").hidden = health.map_connected;
     if (box.dataset["verdict"] !== shown) mark.replaceChildren(icon(words.icon));
     box.dataset["verdict"] = shown;
-    setText(word, words.word);
+    setText(title, words.title);
     setText(why, health.reasons.length > 0 ? capitalised(health.reasons.join("; ")) : words.meaning);
-    // Two lines are shown, so that what stands below keeps its place.
+    // Two lines are shown, so that nothing below moves.
     why.title = why.textContent ?? "";
   };
   const onState = (state: RobotState | null) => {

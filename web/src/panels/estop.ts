@@ -35,7 +35,7 @@ export class EStop {
   private async sendUntilConfirmed(reason: string): Promise<void> {
     for (;;) {
       try {
-        // Without the robot's own word it is latched in the server only: sent again until the robot confirms it.
+        // Without the robot's confirmation it is latched in the server only: sent again until the robot confirms it.
         this.unconfirmed = (await api.estop(reason)).confirmed === false;
         if (!this.unconfirmed) break;
         this.show();

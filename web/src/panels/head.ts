@@ -1,4 +1,4 @@
-// How still the head is held: what the camera's picture depends on.
+// How still the head is held: the sharpness of the camera's image depends on it.
 
 import type { App } from "../app/app";
 import { byId, h, setText } from "../basics/dom";
@@ -14,8 +14,8 @@ export function mountHead(app: App): void {
   const rate = new Readout({ id: "head-rate", label: "Yaw rate", unit: "\u00b0/s", trend: trend(10, true), detail: true });
   const sway = new Readout({ id: "head-sway", label: "Sway", unit: "cm", trend: trend(2), detail: true });
   yaw.root.title = "Heading of the head against its mean heading";
-  rate.root.title = "How fast the head turns; fast turns blur the picture";
-  sway.root.title = "Motion of the head across its way, peak to peak";
+  rate.root.title = "How fast the head rotates; fast rotations blur the image";
+  sway.root.title = "Motion of the head across its direction of travel, peak to peak";
   const over = h("span", { class: "muted num", id: "head-window" });
   const heading = h("span", { class: "muted num", id: "head-heading", title: "Mean heading; left is positive" });
   byId("head").append(

@@ -17,14 +17,14 @@ export function mountHeadControl(app: App): void {
   app.role.watch(() => panel.sync());
   app.lease.current.watch(() => panel.sync());
   // Another server, or the same with other settings, may have other controllers.
-  app.reloaded.on(() => panel.askAnew());
+  app.reloaded.on(() => panel.reload());
 }
 
 class HeadControlPanel {
   private answer: HeadAnswer | null = null;
   /** What the last answer was for: which controllers there are depends on it. */
   private answeredFor = "";
-  private looked: string | null = null;
+  private focused: string | null = null;
   private readonly choice = new Choice<HeadEntry["name"]>("head-controller", "Head controller", (controller) => this.send({ controller }));
   private readonly about = h("p", { class: "hint", id: "head-about", "aria-live": "polite" });
   private readonly missing = h("p", { class: "hint", id: "head-missing" });
@@ -43,7 +43,7 @@ class HeadControlPanel {
 
   constructor(private readonly app: App) {
     this.choice.onLook = (name) => {
-      this.looked = name;
+      this.focused = name;
       this.describe();
     };
     const heading = { class: "steer", role: "group", "aria-label": "Turn the heading" };
@@ -58,7 +58,7 @@ class HeadControlPanel {
     byId("head").append(h("section", { class: "head-control", "aria-label": "Head control" }, ...parts));
   }
 
-  askAnew(): void {
+  reload(): void {
     this.answeredFor = "";
     this.sync();
   }
@@ -83,7 +83,7 @@ class HeadControlPanel {
     try {
       answer = await api.head();
     } catch (error) {
-      // Asked again with the next state; nobody waits for it, so only a lost sign-in is told.
+      // Asked again with the next state; nobody waits for it, so only a lost sign-in is reported.
       this.answeredFor = "";
       if (error instanceof ApiError && error.status === 401) this.app.report(error);
       return;
@@ -104,9 +104,9 @@ class HeadControlPanel {
     return this.answer?.controllers.find((entry) => entry.name === name);
   }
 
-  /** Say what the looked at, else the present controller does, or why it cannot be had. */
+  /** Describe the focused controller, else the present one, or why it is not available. */
   private describe(): void {
-    const entry = this.entry(this.looked ?? this.app.state.get()?.head_control?.controller);
+    const entry = this.entry(this.focused ?? this.app.state.get()?.head_control?.controller);
     const words = entry?.reason ? `${entry.title} cannot be chosen: ${entry.reason}.` : entry?.summary;
     setText(this.about, words ?? "");
   }

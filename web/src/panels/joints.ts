@@ -98,7 +98,7 @@ class JointsPanel {
     if (!paused) this.zoomTo(null);
   }
 
-  /** Show a part; time stands still meanwhile, or it would run out of the picture. */
+  /** Show a part; time is frozen meanwhile, or it would move out of view. */
   private zoomTo(zoom: Zoom | null): void {
     this.zoom = zoom;
     this.whole.hidden = zoom === null;
@@ -228,7 +228,7 @@ function known(angle: number | undefined): number | null {
   return angle === undefined || Number.isNaN(angle) ? null : angle;
 }
 
-/** At least +-5 deg, so that a robot at rest shows flat lines and not magnified noise. */
+/** At least +-5 deg, so that a stationary robot shows flat lines and not magnified noise. */
 function paddedRange(low: number | null, high: number | null): [number, number] {
   const reach = Math.max(5, Math.abs(low ?? 0), Math.abs(high ?? 0)) * 1.1;
   return [-reach, reach];

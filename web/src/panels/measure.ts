@@ -33,14 +33,14 @@ export class Measure {
 
   draw(): void {
     if (this.root.hidden) return;
-    const places = this.points.map((point) => this.scene.project(point)).filter((place) => place !== null);
-    this.line.setAttribute("points", places.map((place) => place.map((value) => value.toFixed(1)).join(",")).join(" "));
+    const pixels = this.points.map((point) => this.scene.project(point)).filter((pixel) => pixel !== null);
+    this.line.setAttribute("points", pixels.map((pixel) => pixel.map((value) => value.toFixed(1)).join(",")).join(" "));
     this.dots.forEach((dot, k) => {
-      const place = places[k];
-      dot.setAttribute("visibility", place ? "visible" : "hidden");
-      if (!place) return;
-      dot.setAttribute("cx", place[0].toFixed(1));
-      dot.setAttribute("cy", place[1].toFixed(1));
+      const pixel = pixels[k];
+      dot.setAttribute("visibility", pixel ? "visible" : "hidden");
+      if (!pixel) return;
+      dot.setAttribute("cx", pixel[0].toFixed(1));
+      dot.setAttribute("cy", pixel[1].toFixed(1));
     });
     setText(this.result, this.words());
   }

@@ -46,7 +46,7 @@ export function makePad(app: App, deadman: DeadmanInput, teleop: Teleop): HTMLEl
     if (input.drive === 0 || app.lease.mine) teleop.set(input);
     else void app.attempt(() => app.lease.ensure());
   });
-  // Control has come, or the socket: what is still held counts from here.
+  // With control and the socket there, what is still held counts from now on.
   teleop.ready.watch((ready) => ready && teleop.set(deadman.drive.get()));
   app.lease.current.watch((lease) => lease === null && deadman.releaseAll(null));
   app.state.watch(show);
@@ -58,9 +58,9 @@ export function makePad(app: App, deadman: DeadmanInput, teleop: Teleop): HTMLEl
 
 function padWords(app: App, deadman: DeadmanInput, drive: number, turn: number): string {
   if (!app.commandable) return "";
-  const way = drive > 0 ? "Forward" : "Back";
+  const direction = drive > 0 ? "Forward" : "Back";
   const side = turn === 0 ? "" : turn > 0 ? ", left" : ", right";
-  if (drive !== 0) return `${way} at ${fixed(100 * Math.abs(drive), 0)} %${side}`;
+  if (drive !== 0) return `${direction} at ${fixed(100 * Math.abs(drive), 0)} %${side}`;
   if (turn !== 0) return "Steering needs forward or back as well.";
   return deadman.gamepad === null ? "Hold a button, or W A S D." : "Hold a button, W A S D, or the gamepad's stick; its B stops.";
 }

@@ -1,7 +1,7 @@
-// A stranger's first minutes: drive by hand, or let a patrol drive, which turns before walls.
+// The first minutes with the robot: drive it, or start a patrol, which turns before walls.
 //
 // A patrol is this page driving: it has this page's control, plays the gait by Start, and sets the turn as the slider
-// does. Stop, the emergency stop, another's taking over, a lost link and any hold end it; so does a hand on the turn.
+// does. Stop, the emergency stop, another's taking over, a lost link and any hold end it; so does steering.
 
 import { api } from "../link/api";
 import type { App } from "../app/app";
@@ -10,7 +10,7 @@ import { fixed } from "../basics/format";
 import "../styles/panels/patrol.css";
 import { inForce } from "./gaits";
 
-const LOOK_EVERY_MS = 1000;
+const STEP_EVERY_MS = 1000;
 const SEEN = "snakeslam.welcomed";
 
 export function mountPatrol(app: App): void {
@@ -78,7 +78,7 @@ class Patrol {
     if (!begun) return this.end("");
     this.say("Patrol: straight on");
     this.sync();
-    this.timer = window.setTimeout(() => void this.look(), LOOK_EVERY_MS);
+    this.timer = window.setTimeout(() => void this.advance(), STEP_EVERY_MS);
   }
 
   private async stop(): Promise<void> {
@@ -86,7 +86,7 @@ class Patrol {
     await this.app.attempt(() => api.stop());
   }
 
-  private async look(): Promise<void> {
+  private async advance(): Promise<void> {
     if (this.turn === null) return;
     const turning = this.turn;
     const answer = await this.app.command(async () => {
@@ -102,9 +102,9 @@ class Patrol {
       return;
     }
     const ahead = answer.free_m?.[answer.directions_deg.indexOf(0)];
-    const way = answer.turn === 0 ? "straight on" : `turning ${answer.turn > 0 ? "left" : "right"}`;
-    this.say(`Patrol: ${way}, ${fixed(ahead, 1)} m free ahead`);
-    this.timer = window.setTimeout(() => void this.look(), LOOK_EVERY_MS);
+    const direction = answer.turn === 0 ? "straight on" : `turning ${answer.turn > 0 ? "left" : "right"}`;
+    this.say(`Patrol: ${direction}, ${fixed(ahead, 1)} m free ahead`);
+    this.timer = window.setTimeout(() => void this.advance(), STEP_EVERY_MS);
   }
 
   /** Set the turn of the gait that is offered first, one that moves forward and can be steered. */
@@ -124,7 +124,7 @@ class Patrol {
   }
 
   private say(words: string): void {
-    setText(this.words, words !== "" || this.welcomed ? words : "Hold W A S D, the pad or a gamepad's stick to drive; letting go stops. Or start a patrol: it maps the place by itself and turns before walls.");
+    setText(this.words, words !== "" || this.welcomed ? words : "Hold W A S D, the pad or a gamepad's stick to drive; releasing stops. Or start a patrol: it maps the surroundings by itself and turns before walls.");
     this.words.hidden = this.words.textContent === "";
   }
 

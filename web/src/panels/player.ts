@@ -83,7 +83,7 @@ class Player {
     return button;
   }
 
-  /** Send a request; while one is under way the newest position waits, so that a drag does not queue up. */
+  /** Send a request; while one is pending the newest position waits, so that a drag does not queue up. */
   private send(request: PlaybackRequest): void {
     if (this.busy) {
       this.next = { ...this.next, ...request };

@@ -1,4 +1,4 @@
-// Named parameter sets of a gait: the house's own and those the operator has saved in this browser.
+// Named parameter sets of a gait: those of the page and those the operator has saved in this browser.
 
 import { h } from "../basics/dom";
 import type { GaitEntry, ParameterValues } from "../types";
@@ -34,7 +34,7 @@ function within(entry: GaitEntry, change: (key: string, value: number) => number
   return Object.fromEntries(values);
 }
 
-function ofTheHouse(entry: GaitEntry): Presets {
+function builtIn(entry: GaitEntry): Presets {
   const slow = (factor: number, size: number) => (key: string, value: number) =>
     key === "period_s" ? value * factor : key === "alpha_pi" || key === "amplitude_deg" ? value * size : value;
   return {
@@ -92,6 +92,6 @@ export class PresetPicker {
   }
 
   private all(): Presets {
-    return this.entry ? { ...ofTheHouse(this.entry), ...saved(this.entry.name) } : {};
+    return this.entry ? { ...builtIn(this.entry), ...saved(this.entry.name) } : {};
   }
 }

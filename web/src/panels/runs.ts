@@ -49,7 +49,7 @@ async function refreshRuns(app: App): Promise<void> {
     app.runs.set(await api.runs());
     app.runsProblem.set(null);
   } catch (error) {
-    // A lost link and a lost sign-in have their own places on the page.
+    // A lost link and a lost sign-in are shown elsewhere on the page.
     if (error instanceof ApiError && error.status === 401) app.report(error);
     else if (app.link.get().phase === "live") app.runsProblem.set(`${errorLine(error)} What is shown may be old.`);
   }

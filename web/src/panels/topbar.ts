@@ -24,7 +24,7 @@ function linkWords(link: Link, lastMs: number | null, now: number): string {
 
 function sessionWords(state: RobotState | null): string {
   if (!state) return "\u2013";
-  if (state.session === "running" && state.source.kind === "sim") return state.moving ? "Moving" : "At rest";
+  if (state.session === "running" && state.source.kind === "sim") return state.moving ? "Moving" : "Stopped";
   const words = { running: "Playing", starting: "Starting", ended: "Ended", failed: "Failed" };
   return words[state.session];
 }
@@ -41,7 +41,7 @@ export function mountTopbar(app: App, openHelp: () => void): void {
   const dot = h("span", { class: "dot", "aria-hidden": "true" });
   link.value.before(dot);
   trip.root.title = "From the page to the server and back";
-  command.root.title = "From the last drive input to the session's word that it obeyed";
+  command.root.title = "From the last drive input to the session's answer that it was obeyed";
   for (const minor of [trip, command, rate, time]) minor.root.classList.add("chip-minor");
   const order = [control, link, trip, command, session, time, factor, rate];
   byId("chips").append(...order.map(({ root }) => root));

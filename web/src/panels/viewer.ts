@@ -12,7 +12,7 @@ import { ViewTools } from "./viewtools";
 const STEPS: Record<Exclude<Stage, "drawn">, [number, string]> = {
   program: [1, "3D view: loading the program"],
   scene: [2, "3D view: receiving robot and map"],
-  picture: [3, "3D view: drawing the first picture"],
+  frame: [3, "3D view: drawing the first frame"],
 };
 /** A recording may have no body to wait for. */
 const LONGEST_WAIT_MS = 2000;

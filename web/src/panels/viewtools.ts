@@ -122,15 +122,15 @@ export class ViewTools {
     }
   }
 
-  private look(from: Point, to: Point): void {
-    this.scene.look(from, to);
+  private moveCamera(from: Point, to: Point): void {
+    this.scene.moveCamera(from, to);
     this.followed = this.centre;
   }
 
   private reset(): void {
     this.setFollowing(true);
     const centre = this.centre ?? [0, 0, 0];
-    this.look(plus(centre, VIEW_FROM_M), centre);
+    this.moveCamera(plus(centre, VIEW_FROM_M), centre);
   }
 
   private lookAhead(): void {
@@ -138,7 +138,7 @@ export class ViewTools {
     if (!head || !body) return;
     const yaw = (body.heading_deg * Math.PI) / 180;
     const [x, y] = [Math.cos(yaw), Math.sin(yaw)];
-    this.look(plus(head, [-1.1 * x, -1.1 * y, 0.7]), plus(head, [0.7 * x, 0.7 * y, 0]));
+    this.moveCamera(plus(head, [-1.1 * x, -1.1 * y, 0.7]), plus(head, [0.7 * x, 0.7 * y, 0]));
   }
 
   private lookDown(): void {
@@ -146,7 +146,7 @@ export class ViewTools {
     const centre = this.centre ?? this.scene.target;
     if (!centre) return;
     const reach = Math.max(LEAST_FIT_M, ...points.map((point) => distance(point, centre)));
-    this.look(plus(centre, [-0.01, 0, (TOP_MARGIN * reach) / Math.tan(this.scene.halfView)]), centre);
+    this.moveCamera(plus(centre, [-0.01, 0, (TOP_MARGIN * reach) / Math.tan(this.scene.halfView)]), centre);
   }
 
   /** Stand off far enough, in the present direction, that body and map are in view. */
@@ -159,7 +159,7 @@ export class ViewTools {
     // A chunk lies up to a few metres before its keyframe.
     const reach = Math.max(LEAST_FIT_M, ...points.map((point) => distance(point, middle))) + (points.length > this.bodyPoints.length ? 1.5 : 0);
     const off = reach / Math.sin(this.scene.halfView) / Math.max(distance(from, to), 1e-6);
-    this.look(plus(middle, [(from[0] - to[0]) * off, (from[1] - to[1]) * off, (from[2] - to[2]) * off]), middle);
+    this.moveCamera(plus(middle, [(from[0] - to[0]) * off, (from[1] - to[1]) * off, (from[2] - to[2]) * off]), middle);
   }
 
   private get bodyPoints(): Point[] {

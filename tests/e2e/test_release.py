@@ -70,7 +70,7 @@ def drive_with_w(page: Page, client: httpx.Client, repeats: int = 0) -> None:
         page.evaluate(KEYDOWN, ["KeyW", {"repeat": True}])
 
 
-def expect_let_go(page: Page, client: httpx.Client, why: str) -> None:
+def expect_released(page: Page, client: httpx.Client, why: str) -> None:
     poll(lambda: state(client)["moving"], lambda on: not on, "the robot at rest")
     expect(page.locator('[data-drive="forward"]')).to_have_attribute("aria-pressed", "false")
     expect(page.locator("#notice")).to_contain_text(why)
@@ -87,11 +87,11 @@ LOST_KEY_UPS: dict[str, tuple[Callable[[Page], object], str]] = {
 
 
 @pytest.mark.parametrize("lost", LOST_KEY_UPS)
-def test_a_key_whose_key_up_may_never_come_is_let_go(page: Page, client: httpx.Client, lost: str) -> None:
+def test_a_key_whose_key_up_may_never_come_is_released(page: Page, client: httpx.Client, lost: str) -> None:
     act, why = LOST_KEY_UPS[lost]
     drive_with_w(page, client)
     act(page)
-    expect_let_go(page, client, why)
+    expect_released(page, client, why)
 
 
 def test_a_key_pressed_with_command_does_not_drive(page: Page, client: httpx.Client) -> None:
@@ -101,9 +101,9 @@ def test_a_key_pressed_with_command_does_not_drive(page: Page, client: httpx.Cli
     assert not state(client)["moving"]
 
 
-def test_a_key_whose_repeats_stop_is_let_go(page: Page, client: httpx.Client) -> None:
+def test_a_key_whose_repeats_stop_is_released(page: Page, client: httpx.Client) -> None:
     drive_with_w(page, client, repeats=4)
-    expect_let_go(page, client, "repeats have stopped")
+    expect_released(page, client, "repeats have stopped")
 
 
 def test_a_key_that_another_keeps_from_repeating_drives_on(page: Page, client: httpx.Client) -> None:
@@ -116,7 +116,7 @@ def test_a_key_that_another_keeps_from_repeating_drives_on(page: Page, client: h
     poll(lambda: state(client)["moving"], lambda on: not on, "the robot at rest")
 
 
-def test_a_gamepad_that_vanishes_without_a_word_is_let_go(page: Page, client: httpx.Client) -> None:
+def test_a_gamepad_that_vanishes_without_an_event_is_released(page: Page, client: httpx.Client) -> None:
     page.evaluate(
         """() => {
             window.pad = {connected: true, index: 0, id: 'a pad', axes: [0, 0], buttons: []};
@@ -127,7 +127,7 @@ def test_a_gamepad_that_vanishes_without_a_word_is_let_go(page: Page, client: ht
     page.evaluate("window.pad.axes = [0, -1]")
     poll(lambda: state(client)["gait"]["drive"], lambda drive: drive == 1.0, "the robot driven by the stick")
     page.evaluate("window.pad = null")
-    expect_let_go(page, client, "gamepad has gone")
+    expect_released(page, client, "gamepad has gone")
     page.evaluate("delete navigator.getGamepads")
 
 
@@ -143,7 +143,7 @@ def test_a_second_mouse_button_does_not_hide_the_release(page: Page, client: htt
     page.mouse.up(button="middle")
 
 
-def test_a_hold_under_load_is_told_once_and_nothing_starts_by_itself(page: Page, client: httpx.Client) -> None:
+def test_a_hold_under_load_is_reported_once_and_nothing_starts_by_itself(page: Page, client: httpx.Client) -> None:
     """W stays down while the page stands still again and again, each time longer than the robot waits."""
     drive_with_w(page, client)
     expect(page.locator("#event-list li").first).to_contain_text("Start serpentine")
@@ -151,7 +151,7 @@ def test_a_hold_under_load_is_told_once_and_nothing_starts_by_itself(page: Page,
     for _ in range(4):
         page.evaluate(BUSY, 900)
         page.wait_for_timeout(400)
-    expect_let_go(page, client, "Let go, then press again")
+    expect_released(page, client, "Release it, then press again")
     new = events(page)[: len(events(page)) - len(before)]
     assert [text for text in new if re.search(r"\bstart\b serpentine", text, re.IGNORECASE)] == []
     assert sum("eld" in text for text in new) <= 1, new

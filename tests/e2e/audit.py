@@ -5,7 +5,7 @@ from playwright.sync_api import Page
 from tests.conftest import CHECKOUT
 
 AXE = CHECKOUT / "web" / "node_modules" / "axe-core" / "axe.min.js"
-# The 3D view is viser's page, of which only the picture is shown.
+# The 3D view is viser's page, of which only the image is shown.
 RUN_AXE = """async () => {
     const options = {
         runOnly: ['wcag2a', 'wcag2aa', 'wcag21a', 'wcag21aa', 'wcag22aa', 'best-practice'],
@@ -37,7 +37,7 @@ class Audit:
         self.found: list[str] = []
         self.states = 0
 
-    def look(self, page: Page, state: str) -> None:
+    def check(self, page: Page, state: str) -> None:
         page.evaluate(AXE.read_text())
         for theme in self.themes:
             page.evaluate(f"document.documentElement.dataset.theme = '{theme}'")

@@ -84,7 +84,7 @@ def start_dashboard(folder: Path, *settings: str) -> tuple[Running, str]:
 
 
 def stop_dashboard(server: Running) -> int:
-    """Stop the server and let go of its output."""
+    """Stop the server and close its output."""
     code = server.stop()
     if server.process.stdout is not None:
         server.process.stdout.close()

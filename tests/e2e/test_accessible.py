@@ -69,10 +69,10 @@ def test_axe_finds_nothing_in_any_state(browser: Browser, still: Running, size: 
     page = stranger.new_page()
     page.goto(still.url)
     expect(page.locator("#signin")).to_be_visible()
-    audit.look(page, "signed out")
+    audit.check(page, "signed out")
     stranger.close()
     watcher = new_context(browser, size)
-    audit.look(sign_in(watcher, still, VIEWER_TOKEN), "watching")
+    audit.check(sign_in(watcher, still, VIEWER_TOKEN), "watching")
     watcher.close()
     context = new_context(browser, size)
     see_as_operator(sign_in(context, still), still, audit)
@@ -86,36 +86,36 @@ def see_as_operator(page: Page, server: Running, audit: Audit) -> None:
     expect(page.locator("#control-state")).to_have_text("You")
     expect(page.locator(".gait-card").first).to_be_enabled()
     expect(page.locator("#patrol")).to_be_visible()
-    audit.look(page, "in control, the patrol's card")
+    audit.check(page, "in control, the patrol's card")
     page.locator("#view-layers").click()
     expect(page.locator("#layer-map")).to_be_visible()
-    audit.look(page, "layers of the view")
+    audit.check(page, "layers of the view")
     page.locator("#view-layers").click()
     page.locator("#estop").click()
     expect(page.locator("#estop-reset")).to_be_visible()
     assert page.locator("#estop").get_attribute("aria-label") == "STOPPED, emergency stop is latched"
-    audit.look(page, "E-stop latched")
+    audit.check(page, "E-stop latched")
     page.locator("#estop-reset").click()
     expect(page.locator("#estop-banner")).to_be_hidden()
     expect(page.locator("#status-line")).to_contain_text("The robot is held")
-    audit.look(page, "held")
+    audit.check(page, "held")
     for opener, dialog in (("#source", "#source-dialog"), ("#tools button", "#help")):
         page.locator(opener).first.click()
         expect(page.locator(dialog)).to_be_visible()
-        audit.look(page, f"dialog {dialog}")
+        audit.check(page, f"dialog {dialog}")
         page.keyboard.press("Escape")
     page.locator("#tab-runs").click()
     expect(page.locator("#runs")).to_be_visible()
-    audit.look(page, "runs")
+    audit.check(page, "runs")
     take_over(server)
     expect(page.locator("#taken-banner")).to_be_visible()
-    audit.look(page, "taken over")
+    audit.check(page, "taken over")
     page.locator("#taken-back").click()
     expect(page.locator("#taken-banner")).to_be_hidden()
     page.locator("#source").click()
     page.locator('[data-recording="small"]').get_by_role("button").click()
     expect(page.locator("#player")).to_be_visible()
-    audit.look(page, "a recording")
+    audit.check(page, "a recording")
     page.locator("#source").click()
     page.locator("#sim-start").click()
     expect(page.locator("#source")).to_contain_text("Simulator")
@@ -176,7 +176,7 @@ COVERED = """(selectors) => selectors.filter((selector) => {
     return !element.contains(document.elementFromPoint(left + width / 2, top + height / 2));
 })"""
 # Where everything is that can be pressed, but for the banners' own buttons and what lies on the 3D view below them.
-PLACES = """() => Object.fromEntries([...document.querySelectorAll('button, select, input, summary')]
+POSITIONS = """() => Object.fromEntries([...document.querySelectorAll('button, select, input, summary')]
     .filter((e) => e.checkVisibility() && !e.closest('.banners, .view, dialog'))
     .map((e, index) => [`${index} ${e.id || e.className}`, e.getBoundingClientRect()])
     .map(([name, {x, y}]) => [name, [Math.round(x), Math.round(y)]]))"""
@@ -187,21 +187,23 @@ def test_no_banner_moves_a_control(browser: Browser, still: Running, size: dict[
     context = new_context(browser, size)
     page = operate(context, still)
     page.wait_for_timeout(500)
-    before = page.evaluate(PLACES)
+    before = page.evaluate(POSITIONS)
     with still.client() as client:
         client.post("/api/v1/estop", json={"reason": "pressed elsewhere"}).raise_for_status()
     expect(page.locator("#estop-banner")).to_be_visible()
-    assert page.evaluate(PLACES) == before
+    assert page.evaluate(POSITIONS) == before
     page.locator("#estop-reset").click()
     expect(page.locator("#estop-banner")).to_be_hidden()
     page.route("**/gait/start", lambda route: route.abort())
     page.locator("#start").click()
     expect(page.locator("#notice")).to_be_visible()
-    assert page.evaluate(PLACES) == before
+    assert page.evaluate(POSITIONS) == before
     take_over(still)
     expect(page.locator("#taken-banner")).to_be_visible()
-    places = page.evaluate(PLACES)
-    assert {name: place for name, place in before.items() if name in places and places[name] != place} == {}
+    positions = page.evaluate(POSITIONS)
+    assert {
+        name: position for name, position in before.items() if name in positions and positions[name] != position
+    } == {}
     context.close()
 
 
@@ -249,7 +251,7 @@ WIDEST_GAP = """canvas => {
 
 
 def test_a_gap_in_the_data_is_a_gap_in_the_joint_curves(browser: Browser, still: Running) -> None:
-    """A server that stands still for 8 s of the 20 s shown; its sockets keep a part of what it missed."""
+    """A server that is frozen for 8 s of the 20 s shown; its sockets keep a part of what it missed."""
     context = new_context(browser, DESKTOP)
     page = sign_in(context, still)
     curves = page.locator("#joint-plot canvas").first

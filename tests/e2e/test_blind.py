@@ -1,4 +1,4 @@
-"""A robot that stopped because it saw nothing: the page says why and offers the way back."""
+"""A robot that stopped because it saw nothing: the page says why and offers to back it up."""
 
 from http import HTTPStatus
 
@@ -42,7 +42,7 @@ def test_the_page_offers_to_back_up(browser: Browser, tmp_path_factory: pytest.T
         assert box is not None
         assert min(box["width"], box["height"]) >= LEAST_PX
         audit = Audit("light", "dark")
-        audit.look(page, "blind")
+        audit.check(page, "blind")
         assert audit.found == [], "\n".join(audit.found)
         page.locator("#back-up").click()
         wait_for(lambda: client.get("/api/v1/state").json()["gait"]["drive"] == -1.0)

@@ -31,7 +31,7 @@ from tests.server.running import START_S, TOKEN, is_ready, wait_for
 pytestmark = [pytest.mark.browser, pytest.mark.webgl]
 RUN_TIMEOUT_S = 600.0
 OVERRIDES = {"gait.alpha_pi": 0.1, "sim.camera.rate_hz": 10}
-# Of what half a second moves: servos give way a little; the serpentine moves its joints by 0.4 rad.
+# Of what half a second moves: servos yield a little; the serpentine moves its joints by 0.4 rad.
 AT_REST_RAD = 0.03
 
 
@@ -143,11 +143,11 @@ def test_the_3d_view_draws_what_is_asked_for_once(page: Page) -> None:
 
 @pytest.mark.usefixtures("crawling")
 def test_the_camera_image_is_live(page: Page) -> None:
-    picture = page.locator("#camera-image")
-    first = poll(lambda: look_at(picture), lambda look: look.variance > 25, "a camera picture")
-    poll(lambda: look_at(picture), lambda look: look.hash != first.hash, "another camera picture")
+    image = page.locator("#camera-image")
+    first = poll(lambda: look_at(image), lambda look: look.variance > 25, "a camera image")
+    poll(lambda: look_at(image), lambda look: look.hash != first.hash, "another camera image")
     overlay = page.locator("#camera-overlay")
-    poll(lambda: look_at(overlay).drawn, lambda pixels: pixels > 300, "tracked features on the picture")
+    poll(lambda: look_at(overlay).drawn, lambda pixels: pixels > 300, "tracked features on the image")
     page.locator("#features-toggle").press("Enter")
     poll(lambda: look_at(overlay).drawn, lambda pixels: pixels == 0, "features switched off")
     page.locator("#features-toggle").press("Enter")
@@ -155,13 +155,13 @@ def test_the_camera_image_is_live(page: Page) -> None:
 
 @pytest.mark.usefixtures("crawling")
 def test_the_camera_image_is_rotated_upright_and_goes_on(page: Page) -> None:
-    picture, level = page.locator("#camera-image"), page.locator("#level-toggle")
-    turned = lambda: str(picture.evaluate("canvas => canvas.style.transform"))  # noqa: E731
+    image, level = page.locator("#camera-image"), page.locator("#level-toggle")
+    turned = lambda: str(image.evaluate("canvas => canvas.style.transform"))  # noqa: E731
     level.press("Enter")
-    first = poll(turned, lambda transform: "rotate(" in transform, "an upright picture")
+    first = poll(turned, lambda transform: "rotate(" in transform, "an upright image")
     poll(turned, lambda transform: transform != first, "another roll")
     level.press("Enter")
-    poll(turned, lambda transform: transform == "", "the picture as it comes")
+    poll(turned, lambda transform: transform == "", "the image as it comes")
 
 
 @pytest.mark.usefixtures("crawling")
@@ -192,28 +192,28 @@ def test_a_gait_is_picked_and_set(page: Page, client: httpx.Client) -> None:
     page.locator("#gait-defaults").click()
     page.locator("#stop").click()
     expect(page.locator("#session-state")).to_have_text("Stopped")
-    poll(lambda: state(client)["moving"], lambda on: not on, "the robot at rest")
+    poll(lambda: state(client)["moving"], lambda on: not on, "the stationary robot")
     page.locator("#start").click()
     expect(page.locator("#session-state")).to_have_text("Moving")
 
 
 @pytest.mark.usefixtures("crawling")
-@pytest.mark.parametrize("way", ["button", "Space", "Escape"])
-def test_the_emergency_stop_latches(dashboard: Dashboard, client: httpx.Client, way: str) -> None:
+@pytest.mark.parametrize("means", ["button", "Space", "Escape"])
+def test_the_emergency_stop_latches(dashboard: Dashboard, client: httpx.Client, means: str) -> None:
     page = dashboard.page
     expect(page.locator("#stop")).to_be_enabled()
-    if way == "button":
+    if means == "button":
         poll(lambda: joint_travel(dashboard), lambda travel: travel.measured_rad > 5 * AT_REST_RAD, "a moving robot")
-    if way == "button":
+    if means == "button":
         page.locator("#estop").click()
     else:
         page.locator("#stop").focus()
-        page.keyboard.press(way)
+        page.keyboard.press(means)
     expect(page.locator("#estop-reset")).to_be_visible()
     expect(page.locator("#estop-banner")).to_contain_text("latched")
     expect(page.locator("#start")).to_be_disabled()
     poll(lambda: state(client)["estop"]["latched"], bool, "the latch")
-    if way != "button":
+    if means != "button":
         client.post("/api/v1/estop/reset")
         return
     joint_travel(dashboard)  # The ramp to a hold.
@@ -243,7 +243,7 @@ def test_a_run_beside_the_live_view_equals_the_command_line(page: Page, client: 
     ended = poll(watch, lambda r: r["state"] not in ("queued", "running"), "the run's end", RUN_TIMEOUT_S)
     assert ended["state"] == "done", ended["error"]
     standing = longest_standstill(sequences)
-    assert standing <= 20, f"the picture stood still for {standing} looks of 0.1 s and more"
+    assert standing <= 20, f"the image was frozen for {standing} looks of 0.1 s and more"
     by_page = client.get(f"/api/v1/runs/{run}/artifacts/estimate.tum").raise_for_status().content
     assert by_page == estimate_of_command_line(tmp_path, request)
     page.locator("#tab-runs").click()

@@ -56,8 +56,8 @@ def client(still: Running) -> Iterator[httpx.Client]:
         yield client
 
 
-def picture(page: Page, name: str) -> None:
-    """Keep a picture of the page where SNAKESLAM_SCREENSHOTS says."""
+def screenshot(page: Page, name: str) -> None:
+    """Keep a screenshot of the page where SNAKESLAM_SCREENSHOTS says."""
     if PICTURES is not None:
         page.screenshot(path=Path(PICTURES) / f"{name}.png")
 
@@ -85,10 +85,10 @@ def test_keys_drive_while_held_and_release(page: Page, client: httpx.Client) -> 
     expect(page.locator("#command-age")).to_have_text(re.compile(r"\d+ ms"))
     page.keyboard.down("KeyA")
     poll(lambda: gait(client)["turn"], lambda turn: turn == 1.0, "the robot turning left")
-    picture(page, "driving")
+    screenshot(page, "driving")
     page.keyboard.up("KeyA")
     page.keyboard.up("KeyS")
-    poll(lambda: moving(client), lambda on: not on, "the robot at rest")
+    poll(lambda: moving(client), lambda on: not on, "the stationary robot")
     assert (gait(client)["drive"], gait(client)["turn"]) == (0.0, 0.0)
 
 
@@ -113,7 +113,7 @@ def test_a_hold_ends_with_what_held_it(page: Page, client: httpx.Client, lost: s
     else:
         page.locator("#turn").evaluate("element => element.focus()")
         page.keyboard.up("ArrowUp")
-    poll(lambda: moving(client), lambda on: not on, "the robot at rest")
+    poll(lambda: moving(client), lambda on: not on, "the stationary robot")
     expect(pad).to_have_attribute("aria-pressed", "false")
     page.locator("#drive-speed").fill("1")
 
@@ -129,7 +129,7 @@ def test_a_second_page_watches_until_it_has_taken_control(
     expect(second.locator("#estop")).to_be_enabled()
     page.locator("#start").click()
     expect(second.locator("#session-state")).to_have_text("Moving")
-    picture(second, "watching")
+    screenshot(second, "watching")
     second.locator("#control-take").click()
     expect(second.locator("#control-state")).to_have_text("You")
     expect(page.locator("#control-holder")).to_contain_text("has control")
@@ -139,7 +139,7 @@ def test_a_second_page_watches_until_it_has_taken_control(
     poll(lambda: gait(client)["name"], lambda name: name == "pedal", "another gait from the second page")
     second.context.close()
     # The page that goes gives control back, and the robot stops.
-    poll(lambda: moving(client), lambda on: not on, "the robot at rest")
+    poll(lambda: moving(client), lambda on: not on, "the stationary robot")
     poll(lambda: client.get("/api/v1/state").json()["control"]["id"], lambda held: held is None, "control free")
 
 
@@ -150,8 +150,8 @@ def test_the_estop_latches_and_reset_does_not_move(page: Page, client: httpx.Cli
     page.locator("#estop").click()
     expect(page.locator("#estop-banner")).to_contain_text("latched")
     expect(page.locator('[data-drive="forward"]')).to_be_disabled()
-    poll(lambda: moving(client), lambda on: not on, "the robot at rest")
-    picture(page, "stopped")
+    poll(lambda: moving(client), lambda on: not on, "the stationary robot")
+    screenshot(page, "stopped")
     page.locator("#estop-reset").click()
     expect(page.locator("#estop-banner")).to_be_hidden()
     assert not moving(client)
@@ -181,7 +181,7 @@ def test_a_phone_has_view_pad_camera_and_stop_in_reach(browser: Browser, still: 
     box = phone.locator('[data-drive="forward"]').bounding_box()
     assert box is not None
     assert min(box["width"], box["height"]) >= 44
-    picture(phone, "phone")
+    screenshot(phone, "phone")
     phone.context.close()
 
 
@@ -189,7 +189,7 @@ def test_small_text_has_contrast_in_both_themes(page: Page) -> None:
     for scheme in ("dark", "light"):
         page.evaluate(f"document.documentElement.dataset.theme = '{scheme}'")
         poor = page.evaluate(CONTRAST)
-        picture(page, scheme)
+        screenshot(page, scheme)
         assert poor == [], (scheme, poor)
 
 

@@ -36,7 +36,7 @@ def sign_in(page: Page) -> None:
 
 
 def test_the_tab_order_of_the_page(page: Page, still: Running) -> None:
-    """One server for it all: its start costs more than the looks."""
+    """One server for it all: its start costs more than the checks."""
     check_signing_in(page)
     check_that_space_types_in_a_text_field(page, still)
     check_a_refusal(page)

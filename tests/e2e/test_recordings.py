@@ -19,7 +19,7 @@ SECONDS = 8.0
 @pytest.fixture(scope="module")
 def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
     folder = tmp_path_factory.mktemp("recordings")
-    write_robot(folder / "recordings" / "robot at rest", SECONDS)
+    write_robot(folder / "recordings" / "stationary robot", SECONDS)
     running = start(folder, recordings=str(folder / "recordings"))
     yield running
     assert running.stop() == 0
@@ -59,7 +59,7 @@ def playing(page: Page, client: httpx.Client) -> Page:
     if client.get("/api/v1/state").json()["source"]["kind"] != "recording":
         expect(page.locator("#player")).to_be_hidden()
         page.locator("#source").click()
-        page.get_by_role("button", name="Play robot at rest").click()
+        page.get_by_role("button", name="Play stationary robot").click()
         expect(page.locator("#player")).to_be_visible()
     if not paused(client):
         page.locator("#player-play").click()

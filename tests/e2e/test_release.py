@@ -58,7 +58,7 @@ def drive_with_w(page: Page, client: httpx.Client, repeats: int = 0) -> None:
     page.evaluate("document.activeElement.blur()")
 
     def driven() -> float:
-        # A machine that is too busy for the page lets go by itself: then it is pressed anew.
+        # A machine that is too busy for the page releases by itself: then it is pressed anew.
         if page.locator('[data-drive="forward"]').get_attribute("aria-pressed") != "true":
             page.evaluate(KEYUP, "KeyW")
             page.evaluate(KEYDOWN, ["KeyW", {}])
@@ -71,7 +71,7 @@ def drive_with_w(page: Page, client: httpx.Client, repeats: int = 0) -> None:
 
 
 def expect_released(page: Page, client: httpx.Client, why: str) -> None:
-    poll(lambda: state(client)["moving"], lambda on: not on, "the robot at rest")
+    poll(lambda: state(client)["moving"], lambda on: not on, "the stationary robot")
     expect(page.locator('[data-drive="forward"]')).to_have_attribute("aria-pressed", "false")
     expect(page.locator("#notice")).to_contain_text(why)
 
@@ -113,7 +113,7 @@ def test_a_key_that_another_keeps_from_repeating_drives_on(page: Page, client: h
     page.wait_for_timeout(1200)
     assert state(client)["gait"]["drive"] == 1.0
     page.evaluate(KEYUP, "KeyW")
-    poll(lambda: state(client)["moving"], lambda on: not on, "the robot at rest")
+    poll(lambda: state(client)["moving"], lambda on: not on, "the stationary robot")
 
 
 def test_a_gamepad_that_vanishes_without_an_event_is_released(page: Page, client: httpx.Client) -> None:
@@ -139,12 +139,12 @@ def test_a_second_mouse_button_does_not_hide_the_release(page: Page, client: htt
     poll(lambda: state(client)["gait"]["drive"], lambda drive: drive == 1.0, "the robot driven by the pad")
     page.mouse.down(button="middle")
     page.mouse.up()
-    poll(lambda: state(client)["moving"], lambda on: not on, "the robot at rest")
+    poll(lambda: state(client)["moving"], lambda on: not on, "the stationary robot")
     page.mouse.up(button="middle")
 
 
 def test_a_hold_under_load_is_reported_once_and_nothing_starts_by_itself(page: Page, client: httpx.Client) -> None:
-    """W stays down while the page stands still again and again, each time longer than the robot waits."""
+    """W stays down while the page freezes again and again, each time longer than the robot waits."""
     drive_with_w(page, client)
     expect(page.locator("#event-list li").first).to_contain_text("Start serpentine")
     before = events(page)
@@ -157,7 +157,7 @@ def test_a_hold_under_load_is_reported_once_and_nothing_starts_by_itself(page: P
     assert sum("eld" in text for text in new) <= 1, new
     drive_with_w(page, client)
     page.evaluate(KEYUP, "KeyW")
-    poll(lambda: state(client)["moving"], lambda on: not on, "the robot at rest")
+    poll(lambda: state(client)["moving"], lambda on: not on, "the stationary robot")
 
 
 def events(page: Page) -> list[str]:

@@ -120,14 +120,14 @@ def test_what_is_drawn_of_the_map_is_said(drawn: Page) -> None:
 
 
 def test_the_camera_goes_where_the_tools_say(dashboard: Dashboard, drawn: Page) -> None:
-    def looks() -> np.ndarray:
+    def direction() -> np.ndarray:
         seen = camera(drawn)
         return (seen["target"] - seen["position"]) / np.linalg.norm(seen["target"] - seen["position"])
 
     drawn.locator("#view-top").click()
-    poll(looks, lambda way: way[2] < -0.99, "a view from above")
+    poll(direction, lambda d: d[2] < -0.99, "a view from above")
     drawn.locator("#view-behind").click()
-    poll(looks, lambda way: way[2] > -0.6, "a view ahead")
+    poll(direction, lambda d: d[2] > -0.6, "a view ahead")
     drawn.locator("#view-fit").click()
     expect(drawn.locator("#view-follow")).to_have_attribute("aria-pressed", "false")
     drawn.locator("#view-reset").click()
@@ -179,7 +179,7 @@ def test_a_patrol_goes_and_the_view_follows_until_it_is_stopped(dashboard: Dashb
         return float(np.linalg.norm(body_centre(dashboard) - start))
 
     poll(lambda: (moved_m(), drawn.locator("#patrol-words").inner_text())[1], lambda w: "free ahead" in w, "its words")
-    poll(moved_m, lambda distance_m: distance_m > 0.1, "a way gone")
+    poll(moved_m, lambda distance_m: distance_m > 0.1, "a distance travelled")
     poll(lambda: aimed_at_body(dashboard, drawn), lambda distance_m: distance_m < 0.15, "a camera that follows")
     poll(lambda: (moved_m(), stop.is_enabled())[1], bool, "a robot to stop")
     stop.click()

@@ -13,7 +13,7 @@ from playwright.sync_api import ConsoleMessage, Error, Frame, Locator, Page, Req
 T = TypeVar("T")
 DRAW_S = 90.0
 
-# Looked at inside the page: to carry a picture over as JSON costs more than to draw it.
+# Looked at inside the page: to carry an image over as JSON costs more than to draw it.
 LOOK = """canvas => {
     const {width, height} = canvas;
     // What a worker draws on is looked at through a canvas of one's own.
@@ -75,7 +75,7 @@ def viewer_frame(page: Page) -> Frame:
 
 
 def drawn_points(frame: Frame) -> int:
-    """How many points WebGL has drawn in the last picture of the 3D view."""
+    """How many points WebGL has drawn in the last frame of the 3D view."""
     return frame.evaluate("() => window.__viserTestpoints?.rendererInfo?.render?.points ?? 0")
 
 

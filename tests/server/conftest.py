@@ -10,7 +10,7 @@ from tests.server.running import START_S, Running, is_ready, start, wait_for
 
 @pytest.fixture(scope="module")
 def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
-    """A server with a robot at rest."""
+    """A server with a stationary robot."""
     running = start(tmp_path_factory.mktemp("server"))
     with running.client() as client:
         wait_for(lambda: is_ready(client), START_S)
@@ -20,7 +20,7 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
 
 @pytest.fixture
 def client(server: Running) -> Iterator[httpx.Client]:
-    """Signed in by token, everything at rest and nobody in control but this client."""
+    """Signed in by token, nothing moving and nobody in control but this client."""
     with server.client() as client:
         lease = client.post("/api/v1/control/lease", json={"take_over": True}).raise_for_status().json()
         client.delete("/api/v1/control/lease", headers={"Control-Lease": lease["key"]}).raise_for_status()

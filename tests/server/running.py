@@ -22,7 +22,7 @@ START_S = 60.0
 
 
 class Patient(httpx.HTTPTransport):
-    """Asks again when told to slow down, as a script should: the tests ask faster than any script may."""
+    """Asks again when it is asked to slow down, as a script should: the tests ask faster than any script may."""
 
     def handle_request(self, request: httpx.Request) -> httpx.Response:
         while (response := super().handle_request(request)).status_code == HTTPStatus.TOO_MANY_REQUESTS:

@@ -130,7 +130,7 @@ def test_of_a_sockets_two_sides_the_first_to_end_ends_both() -> None:
 
 
 def test_a_listener_that_fails_keeps_no_report_from_the_others() -> None:
-    heard: list[Report] = []
+    received: list[Report] = []
 
     def bad(report: Report, view: View) -> None:
         raise KeyError(report)
@@ -138,12 +138,12 @@ def test_a_listener_that_fails_keeps_no_report_from_the_others() -> None:
     async def start() -> None:
         live = Live(Config(), lambda *_: StillHost())
         live.subscribe(bad)
-        live.subscribe(lambda report, _: heard.append(report))
+        live.subscribe(lambda report, _: received.append(report))
         await live.start(SessionSpec(Config()), "sim", "it")
         await live.stop()
 
     asyncio.run(start())
-    assert [type(report) for report in heard] == [Opening, Event]
+    assert [type(report) for report in received] == [Opening, Event]
 
 
 class StillHost:
@@ -160,7 +160,7 @@ class StillHost:
 
 
 def test_a_chunk_that_cannot_be_drawn_does_not_end_the_drawing(tmp_path: Path) -> None:
-    """A key that is no whole number ended the drawing thread: the view stood still from then on."""
+    """A key that is no whole number ended the drawing thread: the view was frozen from then on."""
     view = View("sim", "it", Config())
     viewer = Viewer(tmp_path / "viewer.sock")
     try:

@@ -108,14 +108,14 @@ def test_broken_json_is_a_problem_too(client: httpx.Client, text: str) -> None:
 
 def test_the_estop_latches_and_its_reset_moves_nothing(client: httpx.Client) -> None:
     client.post("/api/v1/gait/start")
-    stopped = client.post("/api/v1/estop", json={"reason": "a hand in the way"}).json()
-    assert stopped["estop"] == {"latched": True, "reason": "a hand in the way"}
+    stopped = client.post("/api/v1/estop", json={"reason": "somebody is near"}).json()
+    assert stopped["estop"] == {"latched": True, "reason": "somebody is near"}
     assert stopped["moving"] is False
     refused = client.post("/api/v1/gait/start")
     assert refused.status_code == 409
     assert "E-stop" in refused.json()["detail"]
     again = client.post("/api/v1/estop").json()
-    assert again["estop"]["reason"] == "a hand in the way"
+    assert again["estop"]["reason"] == "somebody is near"
     cleared = client.post("/api/v1/estop/reset").json()
     assert cleared["estop"] == {"latched": False, "reason": None}
     assert cleared["moving"] is False
@@ -144,12 +144,12 @@ def test_map_and_trajectory_grow(client: httpx.Client) -> None:
     assert client.get("/api/v1/map.ply").content.startswith(b"ply")
     paths = wait_for(lambda: len((rows := client.get("/api/v1/trajectory").json())["estimate"]) > 3 and rows)
     assert all(len(row) == 4 for row in paths["estimate"])
-    # The robot stands still, and the truth was brought to the estimate.
+    # The robot is stationary, and the truth was brought to the estimate.
     assert max(abs(value) for row in paths["truth"] for value in row[1:]) < 0.05
 
 
 def test_clearance_says_what_is_free_and_where_a_patrol_steers(client: httpx.Client) -> None:
-    """The fake robot looks at a flat picture 1 m away, nearer than a patrol goes straight towards."""
+    """The fake robot sees a flat wall 1 m away, nearer than a patrol goes straight towards."""
     path = "/api/v1/map/clearance"
     wait_for(lambda: client.get("/api/v1/map").json()["points"] > 0)
     found = wait_for(lambda: (answer := client.get(path).json())["free_m"] and answer)

@@ -11,7 +11,7 @@ NOW_S, THEIRS_S = 5000.0, 12.0
 
 
 def deadman(delay_s: float = 0.02) -> Deadman:
-    """A hand whose pings took at least ``delay_s``."""
+    """An input whose pings took at least ``delay_s``."""
     found = Deadman()
     found.synchronise(THEIRS_S, NOW_S + delay_s)
     found.synchronise(THEIRS_S + 0.1, NOW_S + 0.1 + delay_s + 0.05)
@@ -66,7 +66,7 @@ SEQ = count(1)
 
 
 def given(driver: Deadman, drive: float, late_s: float = 0.0) -> bool:
-    """Give the next input; return whether the session would be told that a press begins."""
+    """Give the next input; return whether a press would begin for the session."""
     seq = next(SEQ)
     driver.add(DriveSample(seq, THEIRS_S + seq, drive, 0.0), NOW_S + seq + late_s)
     return driver.pop_begins()

@@ -1,4 +1,4 @@
-"""The emergency stop has its own way: what others read, and how often they press, does not hold it up."""
+"""The emergency stop has a path of its own: what others read, and how often they press, does not hold it up."""
 
 import asyncio
 import json
@@ -23,7 +23,7 @@ PRESSERS, PRESSES = 20, 10
 
 @pytest.fixture(scope="module")
 def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
-    """A server with recordings that take seconds to look through."""
+    """A server with recordings that take seconds to list."""
     folder = tmp_path_factory.mktemp("recordings")
     rows = "".join(f"{k * 0.03:.6f} {{}}/{k}.png\n" for k in range(LINES))
     for number in range(FOLDERS):

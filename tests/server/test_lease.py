@@ -54,9 +54,9 @@ def test_it_lapses_soon_when_a_pages_socket_has_closed_unless_it_comes_back() ->
 
 
 def test_it_is_only_taken_over_by_an_explicit_act() -> None:
-    heard: list[str | None] = []
+    holders: list[str | None] = []
     desk = Desk(Clock())
-    desk.subscribe(lambda: heard.append(desk.lease.holder if desk.lease else None))
+    desk.subscribe(lambda: holders.append(desk.lease.holder if desk.lease else None))
     ann = desk.grant("Ann")
     with pytest.raises(Problem, match="Ann has control"):
         desk.grant("Bob")
@@ -66,7 +66,7 @@ def test_it_is_only_taken_over_by_an_explicit_act() -> None:
         with pytest.raises(Problem, match="Bob has it"):
             act(ann.key)
     desk.release(bob.key)
-    assert heard == ["Ann", "Bob", None]
+    assert holders == ["Ann", "Bob", None]
 
 
 def test_a_script_without_a_lease_gets_a_free_one_and_no_other() -> None:

@@ -15,7 +15,7 @@ from urllib3.util.retry import Retry
 from tests.server.running import TOKEN, Running
 
 BEARER = {"Authorization": f"Bearer {TOKEN}"}
-# The sessions and runs that these start would cost more than they tell; other tests start them.
+# The sessions and runs that these start would cost more than they show; other tests start them.
 HEAVY = {("POST", "/api/v1/sim/start"), ("POST", "/api/v1/runs")}
 ASKED = settings(
     max_examples=5,
@@ -35,7 +35,7 @@ def operations(server: Running) -> list[APIOperation]:
 
 
 def patient() -> Session:
-    """A session that waits when it is told to: the tests ask faster than any script may."""
+    """A session that waits when it is asked to: the tests ask faster than any script may."""
     session = Session()
     slow = Retry(total=50, status_forcelist=[429], allowed_methods=None, respect_retry_after_header=True)
     session.mount("http://", HTTPAdapter(max_retries=slow))

@@ -18,7 +18,7 @@ SECONDS = 6.0
 @pytest.fixture(scope="module")
 def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
     folder = tmp_path_factory.mktemp("playback")
-    write_robot(folder / "recordings" / "at rest", SECONDS)
+    write_robot(folder / "recordings" / "stationary", SECONDS)
     running = start(folder, recordings=str(folder / "recordings"))
     yield running
     assert running.stop() == 0
@@ -54,7 +54,7 @@ def put(client: httpx.Client, **request: object) -> dict[str, Any]:
 @pytest.fixture
 def playing(client: httpx.Client) -> httpx.Client:
     """The recording, paused at its beginning."""
-    recording = listed(client)["at rest"]
+    recording = listed(client)["stationary"]
     client.post(f"/api/v1/recordings/{recording['id']}/play").raise_for_status()
     wait_for(lambda: state(client)["session"] == "running" and state(client)["playback"], START_S)
     put(client, paused=True, position_s=0.0, speed=1.0)
@@ -134,7 +134,7 @@ def test_a_recording_of_a_run_says_what_the_run_was(client: httpx.Client, server
             (folder / "run.json").write_text(text)
             # Each file's facts differ from those of the file before.
             wait_for(lambda e=expected: origin(listed(client).get("survey", {})) == e)
-            assert listed(client)["at rest"]["gait"] is None
+            assert listed(client)["stationary"]["gait"] is None
     finally:
         shutil.rmtree(folder)
 

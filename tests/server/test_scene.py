@@ -44,7 +44,7 @@ TICK = Tick(
 
 
 def moved(k: int) -> Tick:
-    """A tick some way further."""
+    """A tick some distance further."""
     T = np.eye(4)
     T[:3, 3] = [0.1 * k, 0.02 * k, 0.0]
     return replace(TICK, t_ns=k, T_WI=T, Ts_WL=np.tile(T, (25, 1, 1)))
@@ -96,7 +96,7 @@ def test_a_path_of_a_day_stays_in_memory() -> None:
 
 
 def test_a_stationary_time_removes_no_detail_from_the_path_before_it() -> None:
-    """A circle driven in 100 s, then a rest of 48 min: the circle is still round, in the rows and as drawn."""
+    """A circle driven in 100 s, then 48 min without motion: the circle is still round, in the rows and as drawn."""
     path, T = TimedPath(), np.eye(4)
     for k in range(60_000):
         angle = 2.0 * np.pi * min(k / 2000.0, 1.0)

@@ -80,7 +80,7 @@ def test_images_come_and_so_do_their_features(server: Running) -> None:
 
 
 def collect_pair(stream: ClientConnection) -> tuple[dict[int, tuple[dict, bytes]], dict[int, dict]]:
-    """Read until some picture and its own features have come; slam may be behind the camera on a busy machine."""
+    """Read until some image and its own features have come; slam may be behind the camera on a busy machine."""
     images: dict[int, tuple[dict, bytes]] = {}
     features: dict[int, dict] = {}
     until = time.monotonic() + WAIT_S
@@ -109,7 +109,7 @@ def _warned(messages: list[str | bytes]) -> bool:
 
 
 def test_a_client_that_does_not_read_hurts_nobody(server: Running) -> None:
-    """Its socket fills up, and the others still hear."""
+    """Its socket fills up, and the others still receive."""
     slow = socket.create_connection(("127.0.0.1", int(server.url.rsplit(":", 1)[1])))
     slow.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
     key = (
@@ -136,7 +136,7 @@ def test_a_queue_keeps_the_newest_of_each_kind_and_the_last_events() -> None:
     queue = Client(Metrics())
     for k in range(300):
         queue.put("tick", f"tick {k}")
-        queue.put("picture", bytes([k % 256]))
+        queue.put("image", bytes([k % 256]))
         queue.put("state", f"state {k}")
         queue.put_event(f"event {k}")
     batch = asyncio.run(queue.next())

@@ -19,7 +19,7 @@ LEASE = "/api/v1/control/lease"
 
 
 class Driver:
-    """A page's hand, as a script."""
+    """The deadman input of a page, as a script."""
 
     def __init__(self, socket: ClientConnection) -> None:
         self.socket, self.seq = socket, 0
@@ -27,17 +27,17 @@ class Driver:
     def send(self, **message: Any) -> None:
         self.socket.send(json.dumps({"t_ms": time.monotonic() * 1e3, **message}))
 
-    def hear(self) -> dict[str, Any]:
+    def receive(self) -> dict[str, Any]:
         return json.loads(self.socket.recv(timeout=30))
 
     def ping(self) -> None:
         self.send(type="ping")
-        assert self.hear()["type"] == "pong"
+        assert self.receive()["type"] == "pong"
 
     def drive(self, drive: float, turn: float = 0.0, **more: Any) -> dict[str, Any]:
         self.seq += 1
         self.send(**{"type": "drive", "seq": self.seq, "drive": drive, "turn": turn, **more})
-        return self.hear()
+        return self.receive()
 
     def closed(self) -> int | None:
         """Read until the server closes; return its code."""
@@ -65,7 +65,7 @@ def teleop(server: Running, key: str) -> Iterator[Driver]:
 
 def test_held_input_drives_and_one_zero_stops(server: Running, client: httpx.Client, lease: str) -> None:
     with teleop(server, lease) as driver:
-        assert driver.hear() == {"type": "ready"}
+        assert driver.receive() == {"type": "ready"}
         driver.ping()
         done = driver.drive(-1.0, 0.5)
         assert (done["type"], done["seq"]) == ("done", 1)
@@ -78,9 +78,9 @@ def test_held_input_drives_and_one_zero_stops(server: Running, client: httpx.Cli
 
 
 def test_the_robot_stops_when_the_input_does(server: Running, client: httpx.Client, lease: str) -> None:
-    """The socket stays open and pings go on: only the hand has gone."""
+    """The socket stays open and pings go on: only the input has ended."""
     with teleop(server, lease) as driver:
-        driver.hear()
+        driver.receive()
         driver.ping()
         wait_for(lambda: driver.drive(1.0)["type"] == "done" and client.get("/api/v1/state").json()["moving"])
         silent = time.monotonic()
@@ -91,7 +91,7 @@ def test_the_robot_stops_when_the_input_does(server: Running, client: httpx.Clie
 
 def test_the_robot_stops_when_the_socket_closes(server: Running, client: httpx.Client, lease: str) -> None:
     with teleop(server, lease) as driver:
-        driver.hear()
+        driver.receive()
         driver.ping()
         driver.drive(1.0)
         driver.socket.socket.shutdown(socket.SHUT_RDWR)  # As a page that is killed: no goodbye.
@@ -101,7 +101,7 @@ def test_the_robot_stops_when_the_socket_closes(server: Running, client: httpx.C
 
 def test_who_loses_control_loses_the_robot(server: Running, client: httpx.Client, lease: str) -> None:
     with teleop(server, lease) as driver, server.client() as bob:
-        driver.hear()
+        driver.receive()
         driver.ping()
         driver.drive(1.0)
         taken = bob.post(LEASE, json={"name": "Bob", "take_over": True}).json()
@@ -112,7 +112,7 @@ def test_who_loses_control_loses_the_robot(server: Running, client: httpx.Client
 
 def test_input_that_is_old_or_out_of_order_is_dropped(server: Running, client: httpx.Client, lease: str) -> None:
     with teleop(server, lease) as driver:
-        driver.hear()
+        driver.receive()
         driver.ping()
         assert driver.drive(0.0)["seq"] == 1
         now_ms = time.monotonic() * 1e3
@@ -129,7 +129,7 @@ def test_input_that_is_old_or_out_of_order_is_dropped(server: Running, client: h
 def test_a_latched_robot_is_not_driven(server: Running, client: httpx.Client, lease: str) -> None:
     client.post("/api/v1/estop").raise_for_status()
     with teleop(server, lease) as driver:
-        driver.hear()
+        driver.receive()
         driver.ping()
         refused = driver.drive(1.0)
         assert refused["type"] == "refused"
@@ -142,7 +142,7 @@ def test_an_estop_while_driving_holds_though_the_input_goes_on(
     server: Running, client: httpx.Client, lease: str
 ) -> None:
     with teleop(server, lease) as driver:
-        driver.hear()
+        driver.receive()
         driver.ping()
         driver.drive(1.0)
         client.post("/api/v1/estop").raise_for_status()
@@ -161,7 +161,7 @@ def test_nonsense_closes_the_socket_and_moves_nothing(
     server: Running, client: httpx.Client, lease: str, text: str
 ) -> None:
     with teleop(server, lease) as driver:
-        driver.hear()
+        driver.receive()
         driver.socket.send(text)
         assert driver.closed() == 4003
     assert client.get("/api/v1/state").json()["moving"] is False
@@ -169,7 +169,7 @@ def test_nonsense_closes_the_socket_and_moves_nothing(
 
 def test_a_flood_is_cut_off(server: Running, client: httpx.Client, lease: str) -> None:
     with teleop(server, lease) as driver:
-        driver.hear()
+        driver.receive()
         with suppress(ConnectionClosed):
             for seq in range(5000):
                 driver.send(type="drive", seq=seq, drive=1.0)

@@ -78,7 +78,7 @@ class PlaybackRequest(BaseModel):
     """A multiple of real time; the machine may be slower."""
     position_s: Annotated[float, Field(ge=0)] | None = None
     """Seconds from the first frame; past the end it is the last frame. What is ahead has to be computed first."""
-    step: Annotated[int, BeforeValidator(_whole), Field(ge=-1000, le=1000)] = 0
+    step: Annotated[int, Field(ge=-1000, le=1000), BeforeValidator(_whole)] = 0
     """So many frames on (negative: back), then paused."""
 
 

@@ -45,7 +45,7 @@ def test_the_server_gives_the_drawing_of_a_gait(client: httpx.Client, name: str)
 
 def test_a_preview_says_what_the_robot_cannot_do_and_commands_nothing(client: httpx.Client) -> None:
     before = client.get("/api/v1/state").json()["gait"]
-    fast = client.get("/api/v1/gait/preview", params={"name": "serpentine", "alpha_pi": 0.7, "period_s": 0.5})
+    fast = client.get("/api/v1/gait/preview", params={"name": "serpentine", "alpha_pi": 0.3, "period_s": 0.5})
     assert fast.status_code == 200
     assert fast.json()["drawing"] is None
     assert "too fast" in fast.json()["reason"]

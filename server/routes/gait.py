@@ -168,7 +168,7 @@ def _entry(gait: Gait, model: SnakeModel) -> GaitEntry:
         name=gait.name,
         title=gait.title,
         summary=gait.summary,
-        turns=gait.turns,
+        turns=gait.steers,
         parameters=[
             GaitParameter(
                 key=parameter.key,

@@ -23,7 +23,7 @@ FORMED_RAD = 0.05
 """A rolling gait waits until its arc lies flat to within this, or the arc would stand up and be thrown."""
 LEAST_PACE = 0.05
 """Slower than this a rate says nothing of the rate per unit of paced time."""
-WHOLE_TURN = 2.0 * np.pi
+REVOLUTION_RAD = 2.0 * np.pi
 
 
 class Shape(Protocol):
@@ -106,9 +106,9 @@ class GaitBlend:
     def _advance_phase(self, dt_s: float) -> None:
         if self._phase_pace < 1.0 and np.max(np.abs(self._left)) < FORMED_RAD:
             self._phase_pace = min(1.0, self._phase_pace + abs(self._pace) * dt_s / PACE_RAMP_S)
-        before = self._turns()
+        before = self._revolutions()
         self._sigma += self._pace * self._phase_pace * self._gait.omega * dt_s
-        self._came_upright = bool(np.floor(before) != np.floor(self._turns()))
+        self._came_upright = bool(np.floor(before) != np.floor(self._revolutions()))
 
     def _decay(self, dt_s: float) -> None:
         """Advance e'' = -2 w e' - w^2 e exactly."""
@@ -118,13 +118,13 @@ class GaitBlend:
         self._left = (self._left + rate * dt_s) * fade
         self._left_rate = rate * fade - w * self._left
 
-    def _turns(self) -> float:
-        """Whole turns that the gait's body has rolled since it was upright."""
-        return (self._sigma - self._gait.start_sigma) / WHOLE_TURN
+    def _revolutions(self) -> float:
+        """Revolutions that the gait has rolled the body since it was upright."""
+        return (self._sigma - self._gait.start_sigma) / REVOLUTION_RAD
 
     def _upright(self) -> bool:
-        turns = self._turns()
-        return abs(turns - round(turns)) < 1e-6
+        revolutions = self._revolutions()
+        return abs(revolutions - round(revolutions)) < 1e-6
 
     def _change(self) -> None:
         """Swap the gaits and keep the angles and the rates (per unit of paced time) as they are."""

@@ -16,7 +16,7 @@ from snakeslam.gaits.parameters import WAVELENGTH, Parameter, ParameterKind
 from snakeslam.gaits.parametric import ParametricGait
 from snakeslam.robot.model import SnakeModel
 
-TURN_OFFSET_RAD = float(np.deg2rad(6.0))
+STEERING_OFFSET_RAD = float(np.deg2rad(6.0))
 """Offset beta_o of the yaw joints at full turn, for gaits that move forward."""
 LIMIT_SHARE = 0.9
 """Share of the servo's rate and acceleration that a gait may plan with; the rest is for transitions."""
@@ -32,7 +32,7 @@ class Gait(ABC):
     """One gait. A subclass states the class attributes and ``waves``; the other methods have defaults.
 
     ``parameters`` must have ``period_s``. ``substitutes`` are accepted instead of one of them, named by its key.
-    ``travels`` is the direction in the body's frame at positive drive; ``turns``: it can be steered; ``rolls``: the
+    ``travels`` is the direction in the body's frame at positive drive; ``steers``: it can be steered; ``rolls``: the
     body rolls about its own axis; ``raises_head``: it bears a raised head; ``rank`` orders the page, lowest first.
     """
 
@@ -42,7 +42,7 @@ class Gait(ABC):
     parameters: ClassVar[tuple[Parameter, ...]]
     substitutes: ClassVar[tuple[tuple[ParameterKind, str], ...]] = ()
     travels: ClassVar[Travel]
-    turns: ClassVar[bool] = False
+    steers: ClassVar[bool] = False
     rolls: ClassVar[bool] = False
     raises_head: ClassVar[bool] = True
     head_form: ClassVar[HeadForm] = "level"
@@ -52,9 +52,9 @@ class Gait(ABC):
     def waves(self, values: Mapping[str, float]) -> ParametricGait:
         """Return the constants of Eq. (1)-(2), straight ahead, of one value for each parameter."""
 
-    def turned(self, waves: ParametricGait, turn: float) -> ParametricGait:
-        """Return ``waves`` with ``turn`` in [-1, 1] (positive to the left) applied; asked only where it turns."""
-        return replace(waves, beta_o=turn * TURN_OFFSET_RAD)
+    def steered(self, waves: ParametricGait, turn: float) -> ParametricGait:
+        """Return ``waves`` with ``turn`` in [-1, 1] (positive to the left) applied; asked only of gaits that steer."""
+        return replace(waves, beta_o=turn * STEERING_OFFSET_RAD)
 
     def start_sigma(self, waves: ParametricGait, model: SnakeModel) -> float:
         """Return the phase (rad) at which an upright body lies quietly and the gait can begin."""
@@ -127,9 +127,9 @@ def resolve_values(gait: Gait, given: Mapping[str, float], model: SnakeModel, tu
     values |= {key: value for key, value in given.items() if key in known}
     waves = gait.waves(values)
     omega = 2.0 * np.pi / values["period_s"]
-    _check(gait.turned(waves, 1.0) if gait.turns else waves, omega, model)
-    if gait.turns:
-        waves = gait.turned(waves, float(np.clip(turn, -1.0, 1.0)))
+    _check(gait.steered(waves, 1.0) if gait.steers else waves, omega, model)
+    if gait.steers:
+        waves = gait.steered(waves, float(np.clip(turn, -1.0, 1.0)))
     return ResolvedGait(gait, waves, omega, gait.start_sigma(waves, model))
 
 

@@ -64,5 +64,5 @@ def test_turning_offsets_the_yaw_joints_or_tapers_and_leaves_rolling_alone():
     assert resolve(GaitSettings(name="sidewinding"), SIM, turn=1.0).shape.taper < 0.0
     for name, entry in GAITS.items():
         straight, turned = (resolve(GaitSettings(name=name), SIM, turn) for turn in (0.0, 1.0))
-        assert (straight != turned) == entry.turns
-        assert ("cannot turn" in entry.summary) == (not entry.turns)
+        assert (straight != turned) == entry.steers
+        assert ("cannot turn" in entry.summary) == (not entry.steers)

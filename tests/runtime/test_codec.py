@@ -95,7 +95,7 @@ def test_no_two_topics_share_a_name() -> None:
 
 
 COMMANDS: list[RobotCommand] = [
-    SetGait(GaitCommand(0, "pedal", turn=0.5, period_s=3.0)),
+    SetGait(GaitCommand(0, "pedal", turn=0.5, parameters={"period_s": 3.0})),
     SetHead(HeadCommand(0, "none", 5)),
     Start(),
     BackUp(),

@@ -17,7 +17,7 @@ class Pedal(Gait):
     summary = "Winds forward with the strongly bent parts lifted, so that only a few points push; turn bends its path."
     parameters = (AMPLITUDE.between(2.0, 45.0, 34.4), USUAL_WAVELENGTH, USUAL_PERIOD)
     travels = "forward"
-    turns = True
+    steers = True
     rank = 5
 
     def waves(self, values: Mapping[str, float]) -> ParametricGait:

@@ -28,7 +28,7 @@ class Serpentine(Gait):
     parameters = (WINDING_ANGLE.between(0.05, 0.7, 0.3), WAVELENGTH.between(12.0, 40.0, 20.0), USUAL_PERIOD)
     substitutes = ((AMPLITUDE, WINDING_ANGLE.key),)
     travels = "forward"
-    turns = True
+    steers = True
     head_form = "line"
     rank = 1
 

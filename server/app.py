@@ -27,7 +27,7 @@ from server.live import Live
 from server.map_file import MapFile
 from server.metrics import Metrics
 from server.observe import Observe
-from server.recordings import Library
+from server.recordings import Library, printable
 from server.runs import Runs
 from server.sessions import Sessions, state_folder
 from server.sockets import Sockets
@@ -76,7 +76,11 @@ def create_app(settings: ServerSettings, announce: Callable[[str], None]) -> Fas
         services = await asyncio.to_thread(_build, settings, auth, metrics, socket, limiter)
         app.state.services = services
         services.live.subscribe(services.viewer.on_report)
-        await services.live.start(services.spec, "sim", "simulator")
+        recording = services.spec.recording
+        if recording is None:
+            await services.live.start(services.spec, "sim", "simulator")
+        else:
+            await services.live.start(services.spec, "recording", printable(recording.resolve().name))
         app.state.keeper = keeper = Keeper(services)
         watching = [asyncio.create_task(keeper.watch()), asyncio.create_task(keeper.watch_sessions())]
         try:

@@ -33,7 +33,7 @@ TERMINATE_S, CLOSE_S = 10.0, 2.0
 MAX_QUEUED = 100
 KEY = re.compile(r"[a-z][a-z0-9_]*(\.[a-z][a-z0-9_]*)*")
 # Keys whose value is a file's name: those stay with who runs the server.
-PATH_KEYS = ("replay.calibration",)
+PATH_KEYS = ("replay.calibration", "replay.recording")
 LAST_LINES = 5
 LONGEST_LINE = 64 * 1024
 FROM_REQUEST = {"run.seed": "seed", "run.duration_s": "duration_s"}

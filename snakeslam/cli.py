@@ -79,7 +79,7 @@ def serve(
     key: KeyOption = None,
 ) -> None:
     """Start the dashboard; with --connect for nodes that run already, else with nodes of its own."""
-    from snakeslam.config import load_config
+    from snakeslam.config import Config, load_config
 
     loaded = load_config(config or configs_dir() / "sim.yaml", settings or ())
     for folder in recordings or ():
@@ -88,11 +88,17 @@ def serve(
     if not 0 <= port <= 65535:
         raise InputError("--port", str(port), "0 to 65535")
     from server.main import serve as start
+    from snakeslam.runtime.assembly.build import recording_of
     from snakeslam.runtime.assembly.spec import SessionSpec
 
+    # The page can go from the recording to a simulator, which then has these settings.
+    recording = recording_of(loaded)
+    if recording is not None:
+        loaded = loaded.model_copy(update={"backend": Config().backend})
+
     link = None if connect is None else _link(connect, None, authority, certificate, key)
-    autostart = loaded.run.autostart and link is None
-    spec = SessionSpec(loaded, autostart=autostart, link=link)
+    autostart = loaded.run.autostart and link is None and recording is None
+    spec = SessionSpec(loaded, recording=recording, autostart=autostart, link=link)
     start(loaded, host=host, port=port, recordings=recordings or [], spec=spec)
 
 
@@ -106,9 +112,13 @@ def run(
     as_json: JsonOption = False,
     progress_json: ProgressOption = False,
 ) -> None:
-    """Run an experiment in the simulator."""
+    """Run an experiment with the backend of the settings, a simulator by default."""
     loaded = _load(config, settings, seed, duration)
-    _experiment(loaded, None, loaded.run.duration_s, out, as_json, progress_json)
+    from snakeslam.runtime.assembly.build import recording_of
+
+    recording = recording_of(loaded)
+    to_its_end = recording is not None and "duration_s" not in loaded.run.model_fields_set
+    _experiment(loaded, recording, None if to_its_end else loaded.run.duration_s, out, as_json, progress_json)
 
 
 @app.command()

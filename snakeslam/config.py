@@ -10,6 +10,7 @@ from typing import Annotated, Any
 from pydantic import BaseModel, Field, ValidationError
 from pydantic_core import ErrorDetails
 
+from snakeslam.backends.registry import BACKENDS, BackendName
 from snakeslam.backends.sim.settings import SimSettings
 from snakeslam.errors import InputError
 from snakeslam.estimation.settings import EstimatorSettings
@@ -93,9 +94,17 @@ class ServerConfig(Settings):
     """Addresses or networks of TLS front ends whose X-Forwarded-For and X-Forwarded-Proto are believed."""
 
 
+def _backends() -> str:
+    """Return what the backends are, for the settings' text."""
+    return (
+        f"Where sensors come from and joint targets go: {', '.join(f'{b.name} ({b.text})' for b in BACKENDS.values())}."
+    )
+
+
 class Config(Settings):
     """All settings of a session."""
 
+    backend: Annotated[BackendName, Field(description=_backends())] = "sim"
     robot: RobotSettings = RobotSettings()
     gait: GaitSettings = GaitSettings()
     head: HeadSettings = HeadSettings()

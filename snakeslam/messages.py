@@ -10,6 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from snakeslam.errors import BackendError
+
 Float = NDArray[np.float64]
 
 
@@ -56,6 +58,24 @@ class CameraFrame:
 
 
 @dataclass(frozen=True, slots=True)
+class CameraExposure:
+    """What must be known of a simulated robot to draw one camera frame of it.
+
+    ``Ts_WL`` (N + 1, 4, 4) are the poses of links 0..N, ``T_WI`` (4, 4) that of the IMU, ``w_C`` (3,) the camera's
+    angular rate in rad/s.
+    """
+
+    t_ns: int
+    seq: int
+    Ts_WL: Float
+    T_WI: Float
+    w_C: Float
+
+    def __post_init__(self) -> None:
+        _read_only(self, dict.fromkeys(("Ts_WL", "T_WI", "w_C"), np.float64))
+
+
+@dataclass(frozen=True, slots=True)
 class JointState:
     """What the servos report, joints from tail to head, all (N,); a current or temperature that is unknown is NaN."""
 
@@ -70,6 +90,12 @@ class JointState:
 
 
 Packet = ImuSample | CameraFrame | JointState
+
+
+def check_packet(packet: object) -> None:
+    """Raise BackendError for what is no packet: nobody would read it, and its sensor would be lost without a word."""
+    if not isinstance(packet, Packet):
+        raise BackendError(f"a packet of the unknown type {type(packet).__name__}")
 
 
 @dataclass(frozen=True, slots=True)

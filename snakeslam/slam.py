@@ -11,7 +11,7 @@ from snakeslam.estimation.vio.odometry import VisualInertialOdometry
 from snakeslam.estimation.visual.odometry import VisualOdometry
 from snakeslam.mapping.keyframes import KeyframeMapper
 from snakeslam.mapping.settings import MappingSettings
-from snakeslam.messages import CameraFrame, JointTarget, MapChunk, Packet, SlamUpdate
+from snakeslam.messages import CameraFrame, JointTarget, MapChunk, Packet, SlamUpdate, check_packet
 from snakeslam.robot.model import SnakeModel
 
 
@@ -60,7 +60,11 @@ class Slam:
         self._estimator.expect_roll(target.t_ns, target.head_roll_rad)
 
     def process(self, packet: Packet) -> SlamUpdate | None:
-        """Take one packet, in time order; return an update for every camera frame and None otherwise."""
+        """Take one packet, in time order; return an update for every camera frame and None otherwise.
+
+        BackendError for a packet of an unknown type.
+        """
+        check_packet(packet)
         estimate = self._estimator.process(packet)
         if estimate is None or not isinstance(packet, CameraFrame):
             return None

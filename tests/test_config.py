@@ -81,7 +81,7 @@ def test_the_settings_of_the_contract_can_be_set(key: str, value: object) -> Non
         ("gait: {perod_s: 4}", r"some\.yaml: gait\.perod_s: unknown key .* did you mean gait\.period_s\?"),
         (
             "gate: {}",
-            r"some\.yaml: gate: unknown key gate, did you mean gait\? \(allowed: estimator, gait, governor",
+            r"some\.yaml: gate: unknown key gate, did you mean gait\? \(allowed: backend, estimator, gait, governor",
         ),
         ("gait: {period_s: -4}", r"some\.yaml: gait\.period_s: -4 is not possible \(allowed: >=? ?0"),
         ("gait: {period_s: .nan}", r"gait\.period_s: nan is not possible"),

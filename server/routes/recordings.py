@@ -101,7 +101,7 @@ async def put_playback(services: ServicesDep, caller: CallerDep, request: Playba
 async def start_sim(services: ServicesDep, caller: CallerDep, request: SimRequest | None = None) -> State:
     """Start the simulator anew, with settings changed as in --set. Needs control."""
     overrides = checked_overrides({} if request is None else request.overrides)
-    spec = replace(services.spec, config=override_config(services.config, overrides))
+    spec = replace(services.spec, config=override_config(services.config, overrides), recording=None)
     services.need_control(caller)
     await services.live.start(spec, "sim", "simulator")
     services.telemetry.publish_state()

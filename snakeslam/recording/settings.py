@@ -11,6 +11,8 @@ from snakeslam.settings import Settings
 class ReplaySettings(Settings):
     """How a recording is read."""
 
+    recording: Path | None = None
+    """Folder of the recording that ``backend: replay`` plays; ``snakeslam replay PATH`` sets both."""
     calibration: Path | None = None
     """Calibration file in Kalibr's or OpenVINS's form, used instead of the recording's own; null: the recording's own,
     or for a TUM RGB-D folder without one the benchmark's, by a word of its name (freiburg1, fr2, ...)."""

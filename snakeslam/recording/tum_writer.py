@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from snakeslam.calibration import SensorRig, dump_rig
 from snakeslam.errors import InputError
-from snakeslam.messages import CameraFrame, Float, GroundTruth, ImuSample, JointState, Packet
+from snakeslam.messages import CameraFrame, Float, GroundTruth, ImuSample, JointState, Packet, check_packet
 from snakeslam.recording.datasets.session import write_session
 from snakeslam.recording.trajectory import write_trajectory
 from snakeslam.robot.model import SnakeModel
@@ -42,7 +42,8 @@ class TumWriter:
             (folder / name).mkdir(parents=True)
 
     def add(self, packet: Packet) -> None:
-        """Take a packet; InputError for a camera without depth, which the format has no place for."""
+        """Add a packet; InputError for a camera without depth, which the format has no place for."""
+        check_packet(packet)
         if isinstance(packet, ImuSample):
             self._imu.append(_row(packet.t_ns, packet.gyro_I, packet.accel_I))
         elif isinstance(packet, JointState):

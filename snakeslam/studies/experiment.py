@@ -13,8 +13,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-from snakeslam.backends.base import Backend
-from snakeslam.backends.replay.backend import ReplayBackend
+from snakeslam.backends.base import Backend, Recorded
 from snakeslam.config import Config
 from snakeslam.control import Control
 from snakeslam.errors import InputError
@@ -25,7 +24,7 @@ from snakeslam.recording.datasets import SENSORS
 from snakeslam.recording.trajectory import write_trajectory
 from snakeslam.recording.tum_writer import TumWriter
 from snakeslam.robot.model import SnakeModel, snake_model
-from snakeslam.runtime.assembly.build import build_backend, fit_to_recording
+from snakeslam.runtime.assembly.build import build_backend, fit_to_recording, recording_of, with_recording
 from snakeslam.runtime.session.lockstep import Loop, build_loop
 from snakeslam.studies.metrics import HeadWindow, Metrics, evaluate, notes_on, tracked_poses
 from snakeslam.studies.recorder import Recorder
@@ -62,11 +61,13 @@ def run_experiment(
     called with the run directory's name as soon as nothing can be wrong with the settings any more. What is wrong is
     said before that (InputError); a run that fails leaves nothing behind.
     """
+    config = with_recording(config, recording)
+    recording = recording_of(config)
     if recording is None:
         # What the joints cannot do is said before a simulator starts.
         Control(snake_model(config.robot), config.gait, config.head)
     name = recording.resolve().name if recording else f"{config.gait.name}-s{config.run.seed}"
-    with new_directory(out, name) as new, closing(build_backend(config, recording)) as backend:
+    with new_directory(out, name) as new, closing(build_backend(config)) as backend:
         part = new.part
         config = fit_to_recording(config, backend)
         recorder = Recorder(_sensor_writer(config, recording, part, backend))
@@ -90,16 +91,17 @@ def _sensor_writer(config: Config, recording: Path | None, part: Path, backend: 
 
 
 def _end_ns(config: Config, backend: Backend, duration_s: float | None) -> int:
-    if not isinstance(backend, ReplayBackend):
+    if backend.recorded is None:
         return backend.t_ns + round((duration_s or config.run.duration_s) * 1e9)
-    return backend.end_ns if duration_s is None else min(backend.end_ns, backend.t_ns + round(duration_s * 1e9))
+    end_ns = backend.recorded.end_ns
+    return end_ns if duration_s is None else min(end_ns, backend.t_ns + round(duration_s * 1e9))
 
 
 def run_loop(loop: Loop, end_ns: int, progress: Progress) -> float:
     """Run the loop until the backend's time is ``end_ns``; return the wall time it took, in s."""
     start_ns = loop.backend.t_ns
     started = perf_counter()
-    while (replays := isinstance(loop.backend, ReplayBackend)) or loop.backend.t_ns < end_ns:
+    while (replays := loop.backend.recorded is not None) or loop.backend.t_ns < end_ns:
         if not loop.step() or (replays and loop.backend.t_ns > end_ns):
             break
         progress(min(1.0, (loop.backend.t_ns - start_ns) / max(1, end_ns - start_ns)))
@@ -108,7 +110,7 @@ def run_loop(loop: Loop, end_ns: int, progress: Progress) -> float:
 
 def _evaluate(config: Config, backend: Backend, recorder: Recorder, wall_s: float) -> Metrics:
     head = None
-    if not isinstance(backend, ReplayBackend) and backend.model is not None and recorder.first_ns is not None:
+    if backend.moves and backend.model is not None and recorder.first_ns is not None:
         period_s, start_up_s = _start_up(config, backend.model)
         head = HeadWindow(recorder.first_ns + round(start_up_s * 1e9), period_s)
     return evaluate(
@@ -132,7 +134,7 @@ def _head_notes(config: Config, backend: Backend, metrics: Metrics) -> list[str]
     """Return why the head's motion is not known, where it is not."""
     if metrics.head.yaw_rms_deg is not None:
         return []
-    if isinstance(backend, ReplayBackend) or backend.model is None:
+    if not backend.moves or backend.model is None:
         return ["head is null: its motion is judged in simulated runs only"]
     period_s, start_up_s = _start_up(config, backend.model)
     needed_s, ended_s = start_up_s + period_s, metrics.duration_s
@@ -144,23 +146,24 @@ def _head_notes(config: Config, backend: Backend, metrics: Metrics) -> list[str]
 
 def _notes(backend: Backend, recorder: Recorder) -> tuple[str, ...]:
     """Return what is odd about the recording's files, then what the metrics leave open."""
-    if not isinstance(backend, ReplayBackend):
+    recorded = backend.recorded
+    if recorded is None:
         return tuple(notes_on(recorder.updates, recorder.truth, truth_recorded=False))
-    truth_recorded = bool(backend.recording.truth)
-    notes = (*backend.notes, *notes_on(recorder.updates, recorder.truth, truth_recorded=truth_recorded))
+    notes = (*recorded.notes, *notes_on(recorder.updates, recorder.truth, truth_recorded=recorded.has_truth))
     tracked = any(update.health.verdict.tracked for update in recorder.updates)
-    return notes if tracked else (*notes, *_contrast_note(backend))
+    return notes if tracked else (*notes, *_contrast_note(recorded))
 
 
-def _contrast_note(backend: ReplayBackend) -> tuple[str, ...]:
+def _contrast_note(recorded: Recorded) -> tuple[str, ...]:
     """Return a note where the image in the middle of a recording has nothing to see."""
-    frame = backend.recording.frames[len(backend.recording.frames) // 2]
-    gray = backend.recording.read_frame(len(backend.recording.frames) // 2).gray
+    middle = len(recorded.frame_stamps_ns) // 2
+    gray = recorded.read_frame(middle).gray
     spread, mean = float(gray.std()), float(gray.mean())
     if spread >= LEAST_CONTRAST:
         return ()
     return (
-        f"{frame.image}: the image has almost no contrast (grey {mean:.0f} of 255, standard deviation {spread:.1f})",
+        f"{recorded.frame_name(middle)}: the image has almost no contrast "
+        f"(grey {mean:.0f} of 255, standard deviation {spread:.1f})",
     )
 
 

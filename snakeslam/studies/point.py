@@ -47,7 +47,7 @@ def run_point(point: Point) -> Measured:
     estimate back is the same without. BackendError when the motion is not finite.
     """
     config = point.config
-    with closing(build_backend(config, camera=point.estimator)) as backend:
+    with closing(build_backend(config, "here" if point.estimator else "none")) as backend:
         recorder = Broadcast(_listeners(point, backend))
         loop = build_loop(config, backend, recorder, slam=point.estimator, autostart=True)
         end_ns = backend.t_ns + round(config.run.duration_s * 1e9)

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from snakeslam.backends.registry import BACKENDS
 from snakeslam.config import Config, Override, load_config, override_config
 from snakeslam.control import Control
 from snakeslam.errors import InputError
@@ -114,6 +115,8 @@ def _point(
     given = [Override("run.seed", seed, f"{path}: seeds")]
     given += [Override("estimator.mode", mode, f"{path}: estimators") for mode in settings.estimators[:1]]
     config = override_config(base, [*_chosen_overrides(path, settings, chosen), *given])
+    if BACKENDS[config.backend].recorded:
+        raise InputError(f"{path}: backend", f"{config.backend} cannot be repeated with other settings", "a simulator")
     model = snake_model(config.robot)
     try:
         Control(model, config.gait, config.head)

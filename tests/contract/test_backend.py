@@ -11,7 +11,7 @@ from snakeslam.backends.base import Backend
 from snakeslam.calibration import SensorRig
 from snakeslam.config import load_config
 from snakeslam.messages import CameraFrame, GroundTruth, ImuSample, JointState, JointTarget, Packet
-from snakeslam.runtime.assembly.build import build_backend
+from snakeslam.runtime.assembly.build import build_backend, with_recording
 from tests.small_recordings import write_euroc, write_tum
 
 STEPS = 30
@@ -27,11 +27,11 @@ def short_simulator(_: Path) -> Backend:
 
 
 def euroc(folder: Path) -> Backend:
-    return build_backend(load_config(), write_euroc(folder / "clip"))
+    return build_backend(with_recording(load_config(), write_euroc(folder / "clip")))
 
 
 def tum(folder: Path) -> Backend:
-    return build_backend(load_config(), write_tum(folder / "clip", imu=True))
+    return build_backend(with_recording(load_config(), write_tum(folder / "clip", imu=True)))
 
 
 MAKERS: list[Callable[[Path], Backend]] = [simulator, short_simulator, euroc, tum]

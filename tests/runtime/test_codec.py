@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from snakeslam.backends.sim.shot import Shot
 from snakeslam.head.settings import HeadSettings
 from snakeslam.messages import (
+    CameraExposure,
     CameraFrame,
     GaitCommand,
     GroundTruth,
@@ -61,7 +61,7 @@ EXAMPLES: dict[type, Any] = {
         (Answer("me", 4, (Refusal(3, "no"),)),),
     ),
     Event: Event(1, "info", "words"),
-    Exposure: Exposure("boot", Shot(1, 2, np.tile(np.eye(4), (3, 1, 1)), np.eye(4), np.zeros(3))),
+    Exposure: Exposure("boot", CameraExposure(1, 2, np.tile(np.eye(4), (3, 1, 1)), np.eye(4), np.zeros(3))),
     CameraFrame: CameraFrame(1, 2, GRAY, None, GRAY.astype(np.float32), 5),
     Beat: Beat("me", 1, None),
     Estimate: Estimate("boot", 4, Health(Verdict.DEGRADED, ("a reason",), 7, 3.5), POSE),
@@ -206,8 +206,8 @@ def changed(message: Any, path: str, value: Any) -> Any:
         (CameraFrame, "gray", GRAY[0]),
         (CameraFrame, "depth_m", np.zeros((4, 3), np.float32)),
         (CameraFrame, "rgb", np.zeros((3, 4, 4), np.uint8)),
-        (Exposure, "shot.Ts_WL", np.zeros((3, 4))),
-        (Exposure, "shot.w_C", np.full(3, np.inf)),
+        (Exposure, "exposure.Ts_WL", np.zeros((3, 4))),
+        (Exposure, "exposure.w_C", np.full(3, np.inf)),
         (MapChunk, "rgb", np.zeros((4, 3), np.uint8)),
         (MapChunk, "points_K", np.full((5, 3), np.nan, np.float32)),
         (MapChunk, "key", 1 << 63),

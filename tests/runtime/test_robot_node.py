@@ -5,7 +5,7 @@ from contextlib import closing
 from dataclasses import replace
 
 from snakeslam.config import load_config
-from snakeslam.runtime.assembly.build import build_control, build_simulator
+from snakeslam.runtime.assembly.build import build_backend, build_control
 from snakeslam.runtime.bus.bus import Bus
 from snakeslam.runtime.bus.link import Link, unix_endpoint
 from snakeslam.runtime.bus.topics import CAMERA_READY, SLAM_BEAT
@@ -29,7 +29,7 @@ def test_simulated_time_begins_when_camera_and_slam_are_there(tmp_path):
     with (
         closing(Bus(link)) as bus,
         closing(Bus(replace(link, listens=False))) as others,
-        closing(build_simulator(config, "elsewhere")) as backend,
+        closing(build_backend(config, "elsewhere")) as backend,
     ):
         events = []
         robot = RobotController(

@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 
+from snakeslam.backends.base import Backend
 from snakeslam.calibration import CameraCalibration, ImuCalibration, SensorRig
 from snakeslam.messages import CameraFrame, GroundTruth, ImuSample, JointState, JointTarget, Packet
 from snakeslam.robot.model import PRESETS, SnakeModel
@@ -21,7 +22,7 @@ def _picture(rng: np.random.Generator) -> np.ndarray:
     return cv2.GaussianBlur(np.kron(coarse, np.ones((10, 10), dtype=np.uint8)), (5, 5), 1.0)
 
 
-class StillRobot:
+class StillRobot(Backend):
     """See the module's docstring; ends after ``end_s``, or once it has moved by ``end_rad``.
 
     It fails from ``fail_s`` on, or once it has moved by ``fail_rad``.
@@ -52,6 +53,10 @@ class StillRobot:
         self._picture = _picture(self._rng)
         self._moved_rad = 0.0
         self.targets: list[JointTarget] = []
+
+    @property
+    def simulated(self) -> bool:
+        return False
 
     @property
     def rig(self) -> SensorRig:

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from snakeslam.backends.base import Backend, Recorded
 from snakeslam.calibration import SensorRig
 from snakeslam.errors import InputError
 from snakeslam.messages import CameraFrame, GroundTruth, JointTarget, Packet
@@ -11,7 +12,7 @@ from snakeslam.recording.settings import ReplaySettings
 from snakeslam.robot.model import SnakeModel
 
 
-class ReplayBackend:
+class ReplayBackend(Backend, Recorded):
     """Yields a recording's packets in time order; opening it checks all tables and images (InputError)."""
 
     def __init__(self, path: Path, settings: ReplaySettings) -> None:
@@ -28,8 +29,38 @@ class ReplayBackend:
         self._truth = [truth for truth in self.recording.truth if truth.t_ns >= start_ns]
         self._taken = 0
         self._ended = False
-        self.start_ns = start_ns
+        self._start_ns = start_ns
         self._t_ns = start_ns
+
+    @property
+    def simulated(self) -> bool:
+        """False: the time is that of the recording."""
+        return False
+
+    @property
+    def moves(self) -> bool:
+        """False: nothing can be moved any more."""
+        return False
+
+    @property
+    def recorded(self) -> Recorded:
+        """The backend itself."""
+        return self
+
+    @property
+    def start_ns(self) -> int:
+        """Time at which playing starts."""
+        return self._start_ns
+
+    @property
+    def seed(self) -> int | None:
+        """Seed of the recorded session, None where it is not known."""
+        return self.recording.seed
+
+    @property
+    def has_truth(self) -> bool:
+        """Whether the true motion was recorded."""
+        return bool(self.recording.truth)
 
     @property
     def rig(self) -> SensorRig:
@@ -64,6 +95,10 @@ class ReplayBackend:
     def read_frame(self, k: int) -> CameraFrame:
         """Return the ``k``-th of the frames that are played, from disk; InputError names a damaged file."""
         return self.recording.read_frame(self._first_frame + k)
+
+    def frame_name(self, k: int) -> str:
+        """Return the path of the ``k``-th image that is played."""
+        return str(self.recording.frames[self._first_frame + k].image)
 
     def step(self, target: JointTarget | None) -> Sequence[Packet] | None:
         """Return the next packet, or None at the end; a target has nothing to move here."""

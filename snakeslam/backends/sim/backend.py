@@ -2,10 +2,11 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 
+from snakeslam.backends.base import Backend, RemoteCamera
+from snakeslam.backends.kind import CameraUse
 from snakeslam.backends.sim.camera import Camera, camera_calibration
 from snakeslam.backends.sim.imu import Imu, imu_calibration, interval_means
 from snakeslam.backends.sim.physics import SnakePhysics, pose_with_head_at
@@ -13,12 +14,11 @@ from snakeslam.backends.sim.placing import place_obstacles
 from snakeslam.backends.sim.renderer import Render, Renderer
 from snakeslam.backends.sim.servos import ServoSensors
 from snakeslam.backends.sim.settings import IMU_RATE_HZ, SimSettings
-from snakeslam.backends.sim.shot import Shot
 from snakeslam.backends.sim.worlds import world
 from snakeslam.calibration import SensorRig
 from snakeslam.errors import InputError
 from snakeslam.geometry import so3
-from snakeslam.messages import CameraFrame, Float, GroundTruth, JointTarget, Packet
+from snakeslam.messages import CameraExposure, CameraFrame, Float, GroundTruth, JointTarget, Packet
 from snakeslam.robot.model import SnakeModel
 
 CONTROL_RATE_HZ = 100
@@ -29,19 +29,16 @@ SETTLE_S = 0.3
 WORLD_STREAM, CAMERA_STREAM, IMU_STREAM = 1, 2, 3
 
 
-CameraPlace = Literal["here", "elsewhere", "none"]
-
-
-class SimBackend:
+class SimBackend(Backend):
     """A snake in a world made from ``seed``; W is the world's frame, the head starts over its origin, looking along x.
 
     Everything is determined by the arguments and the targets. A frame's middle of exposure is the time of an IMU
     sample; the frame is handed out once the next sample, to which the exposure reaches, is there. With ``camera``
-    "none" no frame comes and nothing is drawn; with "elsewhere" ``take_shots`` has what a ``scene.SceneCamera`` in
-    another process makes frames of. The motion is the same.
+    "none" no frame comes and nothing is drawn; with "elsewhere" ``take_exposures`` has what a ``scene.SceneCamera`` in
+    another process draws. The motion is the same.
     """
 
-    def __init__(self, model: SnakeModel, settings: SimSettings, seed: int, camera: CameraPlace = "here") -> None:
+    def __init__(self, model: SnakeModel, settings: SimSettings, seed: int, camera: CameraUse = "here") -> None:
         if settings.physics.rate_hz % (2 * IMU_RATE_HZ):
             raise InputError("sim.physics.rate_hz", f"{settings.physics.rate_hz} is not possible", "multiples of 400")
         self._model = model
@@ -49,6 +46,7 @@ class SimBackend:
         cam0 = camera_calibration(settings.camera, model)
         self._rig = SensorRig(cam0=cam0, imu0=imu_calibration(settings.imu))
         self._has_camera = camera != "none"
+        self._draws_elsewhere = camera == "elsewhere"
         self._physics = SnakePhysics(
             model, settings.physics, settings.friction_ratio, pose_with_head_at(model, 0.0, 0.0)
         )
@@ -64,10 +62,20 @@ class SimBackend:
         self._run(IMU_DT_S / 2.0)
         self._half_way_W = self._physics.head_pose()[:3, 3]
         self._frame_count = 0
-        self._exposing: tuple[Shot, Render | None, Float] | None = None
-        self._shots: list[Shot] = []
+        self._exposing: tuple[CameraExposure, Render | None, Float] | None = None
+        self._exposures: list[CameraExposure] = []
         self._joints = self._physics.joint_state()
         self._truth: list[GroundTruth] = []
+
+    @property
+    def simulated(self) -> bool:
+        """True: time is computed."""
+        return True
+
+    @property
+    def remote_camera(self) -> RemoteCamera | None:
+        """The backend itself where its frames are drawn elsewhere, else None."""
+        return self if self._draws_elsewhere else None
 
     @property
     def rig(self) -> SensorRig:
@@ -104,9 +112,9 @@ class SimBackend:
         taken, self._truth = self._truth, []
         return taken
 
-    def take_shots(self) -> Sequence[Shot]:
-        """Return what is to be made frames of elsewhere since the last call."""
-        taken, self._shots = self._shots, []
+    def take_exposures(self) -> Sequence[CameraExposure]:
+        """Return what is to be drawn elsewhere since the last call, oldest first."""
+        taken, self._exposures = self._exposures, []
         return taken
 
     def close(self) -> None:
@@ -143,21 +151,21 @@ class SimBackend:
             GroundTruth(self.t_ns, self._pose_WI, self._v_W, self._imu.gyro_bias_I, self._imu.accel_bias_I)
         )
 
-    def _begin_exposure(self, T0_WI: Float) -> tuple[Shot, Render | None, Float] | None:
+    def _begin_exposure(self, T0_WI: Float) -> tuple[CameraExposure, Render | None, Float] | None:
         """Render where a frame is due; ``T0_WI`` is the pose one IMU interval ago."""
         if not self._has_camera or (self._imu_count - 1) % (IMU_RATE_HZ // self._settings.camera.rate_hz):
             return None
-        shot = Shot(self.t_ns, self._frame_count, self._physics.Ts_WL, self._pose_WI, np.zeros(3))
+        exposure = CameraExposure(self.t_ns, self._frame_count, self._physics.Ts_WL, self._pose_WI, np.zeros(3))
         self._frame_count += 1
-        T_WC = shot.T_WI @ self._rig.cam0.T_IC
-        render = None if self._renderer is None else self._renderer.render(T_WC, shot.Ts_WL)
-        return shot, render, T0_WI
+        T_WC = exposure.T_WI @ self._rig.cam0.T_IC
+        render = None if self._renderer is None else self._renderer.render(T_WC, exposure.Ts_WL)
+        return exposure, render, T0_WI
 
-    def _end_exposure(self, shot: Shot, render: Render | None, T0_WI: Float) -> Sequence[CameraFrame]:
+    def _end_exposure(self, exposure: CameraExposure, render: Render | None, T0_WI: Float) -> Sequence[CameraFrame]:
         """Return the frame, if it is made here, blurred by the turn from one IMU time before to one after."""
         turn_I = so3.log(T0_WI[:3, :3].T @ self._pose_WI[:3, :3])
         w_C = self._rig.cam0.T_CI[:3, :3] @ turn_I / (2.0 * IMU_DT_S)
         if render is not None:
-            return (self._camera.expose(shot.t_ns, shot.seq, render, w_C),)
-        self._shots.append(replace(shot, w_C=w_C))
+            return (self._camera.expose(exposure.t_ns, exposure.seq, render, w_C),)
+        self._exposures.append(replace(exposure, w_C=w_C))
         return ()

@@ -3,50 +3,61 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from snakeslam.backends.base import Backend
-from snakeslam.backends.replay.backend import ReplayBackend
+from snakeslam.backends.base import Backend, FrameSource
+from snakeslam.backends.kind import BackendRequest, CameraUse
+from snakeslam.backends.registry import BACKENDS, RECORDINGS
 from snakeslam.config import Config
 from snakeslam.control import Control
 from snakeslam.errors import InputError
 from snakeslam.estimation.settings import Mode
 from snakeslam.robot.model import snake_model
+from snakeslam.settings import Settings
 
 if TYPE_CHECKING:
-    from snakeslam.backends.sim.backend import CameraPlace, SimBackend
-    from snakeslam.backends.sim.scene import SceneCamera
     from snakeslam.slam import Slam
 
 
-def build_backend(config: Config, recording: Path | None = None, camera: bool = True) -> Backend:
-    """Return the recording as a backend, or the simulator without one; InputError when it cannot be opened.
+def with_recording(config: Config, recording: Path | None) -> Config:
+    """Return the settings of a session over ``recording``; ``config`` itself where there is none."""
+    if recording is None:
+        return config
+    replay = config.replay.model_copy(update={"recording": recording})
+    return config.model_copy(update={"backend": RECORDINGS, "replay": replay})
 
-    ``camera`` False leaves the simulator's camera out, and with it most of the simulator's time.
+
+def recording_of(config: Config) -> Path | None:
+    """Return the recording that ``config`` plays, None for a simulator or a robot; InputError where it names none."""
+    if not BACKENDS[config.backend].recorded:
+        return None
+    if config.replay.recording is None:
+        raise InputError("replay.recording", f"is not set, but backend is {config.backend}", "a recording's folder")
+    return config.replay.recording
+
+
+def build_backend(config: Config, camera: CameraUse = "here") -> Backend:
+    """Return the backend that ``backend:`` names; InputError when it cannot be opened.
+
+    ``camera`` "none" leaves a simulator's camera out, and with it most of its time.
     """
-    if recording is not None:
-        return ReplayBackend(recording, config.replay)
-    return build_simulator(config, "here" if camera else "none")
+    return BACKENDS[config.backend].open(_request(config, camera))
 
 
-def build_simulator(config: Config, camera: "CameraPlace") -> "SimBackend":
-    """Return the simulator, its pictures drawn here, elsewhere or not at all; InputError where it is not installed."""
-    try:
-        from snakeslam.backends.sim.backend import SimBackend
-    except ModuleNotFoundError as error:
-        raise _no_simulator(error) from error
-    return SimBackend(snake_model(config.robot), config.sim, config.run.seed, camera)
+def has_camera_node(config: Config) -> bool:
+    """Return whether the backend can leave its frames to a process of their own."""
+    return BACKENDS[config.backend].open_camera is not None
 
 
-def build_scene(config: Config) -> "SceneCamera":
-    """Return the camera that draws the pictures of a simulator which leaves them to others."""
-    try:
-        from snakeslam.backends.sim.scene import SceneCamera
-    except ModuleNotFoundError as error:
-        raise _no_simulator(error) from error
-    return SceneCamera(snake_model(config.robot), config.sim, config.run.seed)
+def build_camera(config: Config) -> FrameSource:
+    """Return what draws the frames of a backend that was built with its camera "elsewhere"."""
+    open_camera = BACKENDS[config.backend].open_camera
+    if open_camera is None:
+        raise InputError("backend", f"{config.backend} has no camera in a process of its own")
+    return open_camera(_request(config, "elsewhere"))
 
 
-def _no_simulator(error: ModuleNotFoundError) -> InputError:
-    return InputError("the simulator", f"{error.name} is not installed", "Python 3.11 with the extra 'sim'")
+def _request(config: Config, camera: CameraUse) -> BackendRequest[Settings]:
+    settings: Settings = getattr(config, BACKENDS[config.backend].settings)
+    return BackendRequest(settings, snake_model(config.robot), config.run.seed, camera)
 
 
 def mode_for(backend: Backend) -> Mode:
@@ -58,9 +69,9 @@ def mode_for(backend: Backend) -> Mode:
 
 def fit_to_recording(config: Config, backend: Backend) -> Config:
     """Return the settings, what was left out of them as the recording says: the estimator's mode and its seed."""
-    if not isinstance(backend, ReplayBackend):
+    if backend.recorded is None:
         return config
-    estimator, run, seed = config.estimator, config.run, backend.recording.seed
+    estimator, run, seed = config.estimator, config.run, backend.recorded.seed
     if "mode" not in estimator.model_fields_set:
         estimator = estimator.model_copy(update={"mode": mode_for(backend)})
     if "seed" not in run.model_fields_set and seed is not None:
@@ -69,8 +80,8 @@ def fit_to_recording(config: Config, backend: Backend) -> Config:
 
 
 def build_control(config: Config, backend: Backend) -> Control | None:
-    """Return the control of the backend's robot; None for a recording, which nothing can move."""
-    if backend.model is None or isinstance(backend, ReplayBackend):
+    """Return the control of the backend's robot; None where nothing can be moved, as for a recording."""
+    if backend.model is None or not backend.moves:
         return None
     return Control(backend.model, config.gait, config.head)
 

@@ -12,7 +12,7 @@ from snakeslam.runtime.bus.link import Link
 
 @dataclass(frozen=True, slots=True)
 class SessionSpec:
-    """What a session runs: the simulator of ``config``, or the ``recording`` when there is one.
+    """What a session runs: the backend of ``config``, or the ``recording`` when there is one.
 
     ``estimator_mode`` None takes the configured one, for a recording the one that its sensors allow. ``estop_reason``:
     start latched; ``autostart``: set the gait going after ``run.rest_s``. ``build`` makes the backend, in the child.

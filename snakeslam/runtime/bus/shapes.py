@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from msgspec import Struct
 
-from snakeslam.backends.sim.shot import Shot
 from snakeslam.messages import (
+    CameraExposure,
     CameraFrame,
     GroundTruth,
     ImuSample,
@@ -38,7 +38,7 @@ SHAPES: dict[type, dict[str, Shape]] = {
     GroundTruth: {"T_WI": (4, 4), "v_W": (3,), "gyro_bias_I": (3,), "accel_bias_I": (3,)},
     RobotState: {"q_target_rad": (JOINTS,), "q_measured_rad": (JOINTS,)},
     SlamState: {"T_WI": (4, 4), "Ts_WL": (LINKS, 4, 4), "T_WI_truth": (4, 4)},
-    Shot: {"Ts_WL": (LINKS, 4, 4), "T_WI": (4, 4), "w_C": (3,)},
+    CameraExposure: {"Ts_WL": (LINKS, 4, 4), "T_WI": (4, 4), "w_C": (3,)},
 }
 MAY_BE_UNKNOWN = {(JointState, "current_a"), (JointState, "temperature_degc"), (CameraFrame, "depth_m")}
 """Arrays in which a number may be none: NaN stands for what is not known."""

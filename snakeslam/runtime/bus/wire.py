@@ -5,9 +5,9 @@
 
 from dataclasses import dataclass
 
-from snakeslam.backends.sim.shot import Shot
 from snakeslam.calibration import SensorRig
 from snakeslam.messages import (
+    CameraExposure,
     GroundTruth,
     Health,
     ImuSample,
@@ -89,7 +89,7 @@ class Sensors:
 
 @dataclass(frozen=True, slots=True)
 class Exposure:
-    """A picture of ``boot``'s run, to be drawn by the simulator's camera."""
+    """A frame of ``boot``'s run that is to be drawn by the camera node."""
 
     boot: str
-    shot: Shot
+    exposure: CameraExposure

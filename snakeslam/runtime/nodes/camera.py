@@ -6,7 +6,7 @@ from time import monotonic_ns
 from snakeslam.config import Config
 from snakeslam.garbage import collect_seldom
 from snakeslam.robot.model import snake_model
-from snakeslam.runtime.assembly.build import build_scene
+from snakeslam.runtime.assembly.build import build_camera
 from snakeslam.runtime.bus.bus import Bus
 from snakeslam.runtime.bus.link import Link
 from snakeslam.runtime.bus.shapes import robot_sizes
@@ -28,7 +28,7 @@ def camera_process(config: Config, link: Link) -> Child:
 def run_camera(config: Config, link: Link, life: Life) -> None:
     """Draw what the robot node asks for until the life ends; say so until it first does."""
     set_own_share()
-    scene = build_scene(config)
+    source = build_camera(config)
     bus = Bus(link, wanted=lambda: not life.over)
     bus.expect(robot_sizes(snake_model(config.robot).joint_count))
     wanted: queue.Queue[Exposure] = queue.Queue()
@@ -47,9 +47,9 @@ def run_camera(config: Config, link: Link, life: Life) -> None:
             asked = True
             while wanted.qsize() >= WAITING:
                 exposure = wanted.get()
-            frame = scene.expose(exposure.shot)
+            frame = source.expose(exposure.exposure)
             bus.publish(FRAMES, frame)
             pictures.show(frame)
     finally:
         bus.close()
-        scene.close()
+        source.close()

@@ -14,7 +14,7 @@ from snakeslam.backends.base import Backend
 from snakeslam.errors import InputError
 from snakeslam.garbage import collect_seldom
 from snakeslam.messages import CameraFrame, ImuSample, JointState
-from snakeslam.runtime.assembly.build import build_backend, build_control, build_simulator
+from snakeslam.runtime.assembly.build import build_backend, build_control, has_camera_node
 from snakeslam.runtime.assembly.spec import SessionSpec
 from snakeslam.runtime.bus.bus import Bus
 from snakeslam.runtime.bus.commands import EStop
@@ -197,9 +197,9 @@ class RobotNode:
         for packet in step.packets:
             if isinstance(packet, CameraFrame):
                 self._bus.publish(FRAMES, packet)
-        take_shots = getattr(self._robot.backend, "take_shots", None)
-        for shot in take_shots() if take_shots is not None else ():
-            self._bus.publish(EXPOSURES, Exposure(boot, shot))
+        camera = self._robot.backend.remote_camera
+        for exposure in camera.take_exposures() if camera is not None else ():
+            self._bus.publish(EXPOSURES, Exposure(boot, exposure))
 
     def _note_progress(self, heartbeat: Beat) -> None:
         self._slam_there = True
@@ -236,7 +236,7 @@ def run_robot(spec: SessionSpec, link: Link, life: Life) -> None:
 
     # Endless, because a robot without a camera is held anyway: giving the camera up would gain nothing.
     parts = Supervisor(on_death, endless=True)
-    camera_apart = spec.build is None and spec.recording is None
+    camera_apart = spec.build is None and has_camera_node(spec.config)
     try:
         if camera_apart:
             # It takes as long to build as the simulator itself: both at the same time.
@@ -267,8 +267,7 @@ def _controller(spec: SessionSpec, backend: Backend, bus: Bus) -> RobotControlle
 
 def _hello(spec: SessionSpec, robot: RobotController) -> Hello:
     backend, config = robot.backend, spec.config
-    simulated = hasattr(backend, "take_shots")
-    return Hello(robot.boot, 0, backend.t_ns, backend.rig, config.robot, config.run.seed, simulated)
+    return Hello(robot.boot, 0, backend.t_ns, backend.rig, config.robot, config.run.seed, backend.simulated)
 
 
 def _run(node: RobotNode, robot: RobotController, life: Life) -> None:
@@ -294,6 +293,4 @@ def _brake(node: RobotNode, robot: RobotController) -> None:
 def _build(spec: SessionSpec) -> Backend:
     if spec.build is not None:
         return spec.build(spec)
-    if spec.recording is not None:
-        return build_backend(spec.config, spec.recording)
-    return build_simulator(spec.config, "elsewhere")
+    return build_backend(spec.config, "elsewhere")

@@ -25,6 +25,7 @@ from snakeslam.messages import (
     JointTarget,
     Packet,
     PoseEstimate,
+    check_packet,
 )
 from snakeslam.runtime.bus.commands import BackUp, Drive, EStop, ResetEStop, RobotCommand, SetGait, SetHead, Start, Stop
 from snakeslam.runtime.bus.topics import Event, RobotState
@@ -178,6 +179,7 @@ class RobotController:
         if packets is None:
             return None
         for packet in packets:
+            check_packet(packet)
             if isinstance(packet, ImuSample):
                 self._imu = packet
             elif isinstance(packet, JointState):

@@ -14,11 +14,11 @@ from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from time import monotonic
 
-from snakeslam.backends.replay.backend import ReplayBackend
+from snakeslam.backends.base import Backend
 from snakeslam.config import Config
 from snakeslam.errors import SnakeslamError
 from snakeslam.messages import CameraFrame, Float, JointState, JointTarget, Packet
-from snakeslam.runtime.assembly.build import mode_for
+from snakeslam.runtime.assembly.build import build_backend, mode_for, with_recording
 from snakeslam.runtime.assembly.spec import SessionSpec
 from snakeslam.runtime.bus.commands import Command, ControlPlayback, Shutdown
 from snakeslam.runtime.bus.topics import Answer, Ended, Event, Features, Report, RobotState
@@ -61,7 +61,9 @@ class Session:
     def __init__(self, spec: SessionSpec, put: Callable[[Report], None]) -> None:
         assert spec.recording is not None
         self._put = put
-        self.backend = ReplayBackend(spec.recording, spec.config.replay)
+        self.backend = build_backend(with_recording(spec.config, spec.recording))
+        assert self.backend.recorded is not None
+        self._recorded = self.backend.recorded
         config = _with_estimator_mode(spec, self.backend)
         self._mode = config.estimator.mode
         # The visual estimator starts level with its camera, however that is held.
@@ -69,14 +71,14 @@ class Session:
         self._sink = _Sink(self.backend.model, self._on_report, R_IC, gravity_known=self._mode != "visual")
         self._sink.watch = SensorWatch.of(self.backend.rig, self._mode, joints=self.backend.model is not None)
         self._loop = build_loop(config, self.backend, self._sink)
-        self._player = Player(self.backend.frame_stamps_ns)
+        self._player = Player(self._recorded.frame_stamps_ns)
         self._moments: deque[Moment] = deque(maxlen=MOMENTS_KEPT)
         self._shown: Moment | None = None
         self._features: Features | None = None
         self._done, self._reported_s = 0, 0.0
         self._end_reported = False
         put(compose.started(self.backend.t_ns, self._mode, self.backend.rig, self.backend.model, None))
-        for note in self.backend.notes:
+        for note in self._recorded.notes:
             put(Event(self.backend.t_ns, "warning", note))
 
     def take(self, command: Command) -> None:
@@ -95,7 +97,7 @@ class Session:
         if k > self._player.computed:
             frame = self._compute()
         else:
-            frame, self._shown = self.backend.read_frame(k), self._moments[k - self._player.oldest]
+            frame, self._shown = self._recorded.read_frame(k), self._moments[k - self._player.oldest]
         self._player.on_shown(k)
         self._player.oldest = self._player.computed + 1 - len(self._moments)
         # On the way to the frame that was asked for, and at a high speed, not every frame is drawn.
@@ -166,7 +168,7 @@ class Session:
             self._put(report)
 
 
-def _with_estimator_mode(spec: SessionSpec, backend: ReplayBackend) -> Config:
+def _with_estimator_mode(spec: SessionSpec, backend: Backend) -> Config:
     mode = mode_for(backend) if spec.estimator_mode is None else spec.estimator_mode
     return spec.config.model_copy(update={"estimator": spec.config.estimator.model_copy(update={"mode": mode})})
 

@@ -6,7 +6,7 @@ from typing import Protocol
 
 import cv2
 
-from snakeslam.messages import CameraFrame, GroundTruth, JointTarget, Packet, SlamUpdate
+from snakeslam.messages import CameraFrame, GroundTruth, JointTarget, Packet, SlamUpdate, check_packet
 from snakeslam.slam import Slam
 
 Item = Packet | JointTarget
@@ -48,12 +48,16 @@ class SlamRunner:
         self._slam_ms = 0.0
 
     def add(self, item: Item) -> SlamUpdate | None:
-        """Process ``item`` and pass it to the sink; return the update if it is a frame."""
+        """Process ``item`` and pass it to the sink; return the update if it is a frame.
+
+        BackendError for a packet of an unknown type.
+        """
         if isinstance(item, JointTarget):
             if self._slam is not None:
                 self._slam.expect(item)
             self._sink.on_target(item)
             return None
+        check_packet(item)
         self._sink.on_packet(item)
         if self._slam is None:
             return None

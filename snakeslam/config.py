@@ -18,7 +18,7 @@ from snakeslam.gaits.catalogue import GaitSettings
 from snakeslam.head.settings import HeadSettings
 from snakeslam.mapping.settings import MappingSettings
 from snakeslam.recording.settings import ReplaySettings
-from snakeslam.robot.model import RobotSettings
+from snakeslam.robot.settings import RobotSettings
 from snakeslam.settings import Settings
 from snakeslam.yaml_reader import parse_yaml, read_yaml
 
@@ -161,11 +161,14 @@ def override_config(config: Config, overrides: Sequence[str | Override]) -> Conf
 def _build(tree: dict[str, Any], overrides: Sequence[str | Override], path: Path | None) -> Config:
     """Validate ``tree`` from ``path`` with ``overrides`` on top."""
     labels: dict[str, str] = {}
+    _expand_robot(tree)
     for override in overrides:
         parsed = parse_override(override) if isinstance(override, str) else override
         _refuse_second(parsed, labels)
         _set(tree, parsed)
         labels[parsed.key] = parsed.label
+
+    _expand_robot(tree)
 
     def where(key: str) -> str:
         label = next((labels[k] for k in labels if f"{k}.".startswith(f"{key}.") or key.startswith(f"{k}.")), None)
@@ -175,6 +178,12 @@ def _build(tree: dict[str, Any], overrides: Sequence[str | Override], path: Path
         return _validated(tree)
     except ValidationError as error:
         raise input_error(error.errors()[0], where) from error
+
+
+def _expand_robot(tree: dict[str, Any]) -> None:
+    """Turn a robot's name into a group of this preset, of which overrides may change numbers."""
+    if isinstance(tree.get("robot"), str):
+        tree["robot"] = {"model": tree["robot"]}
 
 
 def _validated(tree: dict[str, Any]) -> Config:

@@ -90,7 +90,7 @@ def test_the_settings_of_the_contract_can_be_set(key: str, value: object) -> Non
         ("run: {seed: 1.5}", r"run\.seed: 1\.5 is not possible \(allowed: a whole number\)"),
         ("run: {duration_s: 0}", r"run\.duration_s: 0 is not possible \(allowed: > 0\)"),
         ("recording: {enabled: perhaps}", r"recording\.enabled: 'perhaps' is not possible \(allowed: true or false\)"),
-        ("robot: sim35", r"some\.yaml: robot: 'sim35' is not possible \(allowed: a group\)"),
+        ("gait: pedal", r"some\.yaml: gait: 'pedal' is not possible \(allowed: a group\)"),
         ("estimator: {noise: {pixel: 1}}", r"estimator\.noise\.pixel: unknown key .*did you mean .*noise\.pixel_px"),
         ("run:\n  seed: 1\n  seed: 2\n", r"some\.yaml: line 3: the key 'seed' is given twice"),
         ("run: [", r"some\.yaml: line 1: "),

@@ -2,11 +2,14 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Generic, Literal, TypeVar
+from typing import TYPE_CHECKING, Generic, Literal, TypeVar
 
-from snakeslam.backends.base import Backend, FrameSource
-from snakeslam.robot.model import SnakeModel
 from snakeslam.settings import Settings
+
+if TYPE_CHECKING:
+    # The settings import this module, and settings import no mathematics.
+    from snakeslam.backends.base import Backend, FrameSource
+    from snakeslam.robot.model import SnakeModel
 
 CameraUse = Literal["here", "elsewhere", "none"]
 """Frames are drawn by the backend, by a ``FrameSource`` in another process, or not at all."""
@@ -18,7 +21,7 @@ class BackendRequest(Generic[S]):
     """What a backend is opened with; a recording has its own robot and takes no notice of ``model``."""
 
     settings: S
-    model: SnakeModel
+    model: "SnakeModel"
     seed: int
     camera: CameraUse = "here"
 
@@ -35,6 +38,6 @@ class BackendKind(Generic[S]):
     name: str
     text: str
     settings: str
-    open: Callable[[BackendRequest[S]], Backend]
-    open_camera: Callable[[BackendRequest[S]], FrameSource] | None = None
+    open: "Callable[[BackendRequest[S]], Backend]"
+    open_camera: "Callable[[BackendRequest[S]], FrameSource] | None" = None
     recorded: bool = False

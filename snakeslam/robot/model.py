@@ -6,32 +6,21 @@ rear end, x forward, y left, z up; link 0 is the tail, link N the head.
 """
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any
 
 import numpy as np
 
+from snakeslam.errors import InputError
 from snakeslam.geometry import se3
 from snakeslam.messages import Float
 from snakeslam.robot.limits import JointLimits
-from snakeslam.settings import Settings
-
-ModelName = Literal["sim35", "orthogonal24"]
-HeadPosture = Literal["flat", "raised"]
+from snakeslam.robot.settings import HeadPosture, ModelName, RobotHeadSettings, RobotSettings
 
 YAW_AXIS = (0.0, 0.0, 1.0)
 PITCH_AXIS = (0.0, -1.0, 0.0)
 IMU_BEHIND_CAMERA_M = 0.012
 """As in a RealSense D435i, whose IMU sits 11.7 mm behind the infrared imager's origin."""
 HEAD_RAISE_RAD = float(np.deg2rad(22.0))
-
-
-class RobotSettings(Settings):
-    """Which robot, and how it carries its head."""
-
-    model: ModelName = "sim35"
-    """sim35: the paper's simulated robot, 35 joints of 89.95 mm; orthogonal24: its prototype, 24 joints of 96 mm."""
-    head_posture: HeadPosture = "raised"
-    """raised lifts the head by two pitch joints (+-22 deg) and freezes the yaw joint between them; flat."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +37,10 @@ class SnakeModel:
     head_posture: HeadPosture = "raised"
     camera_tilt_rad: float = 0.0
     """Upward tilt of the camera in the head; 0 serves rolling gaits too, where up is every direction in turn."""
+    camera_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Camera from the front end of the head link's axis: forward, left, up."""
+    imu_m: tuple[float, float, float] = (-IMU_BEHIND_CAMERA_M, 0.0, 0.0)
+    """IMU from the front end of the head link's axis: forward, left, up."""
 
     @property
     def link_count(self) -> int:
@@ -93,15 +86,20 @@ class SnakeModel:
 
     @property
     def T_HI(self) -> Float:
-        """IMU to head link: in the camera's housing at the link's front, axes parallel, (4, 4)."""
-        return se3.from_rt(np.eye(3), np.array([self.joint_length_m - IMU_BEHIND_CAMERA_M, 0.0, 0.0]))
+        """IMU to head link, axes parallel, (4, 4)."""
+        return se3.from_rt(np.eye(3), self._from_front(self.imu_m))
 
     @property
     def T_HC(self) -> Float:
-        """Camera (optical frame: z forward, x right, y down) to head link: on the front end of its axis, (4, 4)."""
+        """Camera (optical frame: z forward, x right, y down) to head link, (4, 4)."""
         c, s = np.cos(self.camera_tilt_rad), np.sin(self.camera_tilt_rad)
         R_HC = np.array([[0.0, s, c], [-1.0, 0.0, 0.0], [0.0, -c, s]])
-        return se3.from_rt(R_HC, np.array([self.joint_length_m, 0.0, 0.0]))
+        return se3.from_rt(R_HC, self._from_front(self.camera_m))
+
+    def _from_front(self, offset_m: tuple[float, float, float]) -> Float:
+        """Return a position given from the front end of the head link's axis in the head link's frame, (3,) m."""
+        forward, left, up = offset_m
+        return np.array([self.joint_length_m + forward, left, up])
 
     @property
     def T_CI(self) -> Float:
@@ -166,5 +164,59 @@ PRESETS: dict[ModelName, SnakeModel] = {
 
 
 def snake_model(settings: RobotSettings) -> SnakeModel:
-    """Return the preset that ``settings`` names, with its head posture."""
-    return replace(PRESETS[settings.model], head_posture=settings.head_posture)
+    """Return the preset that ``settings`` names, with the numbers that they give in place of its own.
+
+    A robot that is not a preset is called by its number of joints. InputError where the numbers do not go together.
+    """
+    preset = replace(PRESETS[settings.model], head_posture=settings.head_posture)
+    given = {
+        "joint_count": settings.joint_count,
+        "joint_length_m": settings.link_length_m,
+        "radius_m": settings.radius_m,
+        "link_mass_kg": settings.link_mass_kg,
+        "torque_nm": settings.torque_nm,
+        "camera_m": settings.head.camera_m,
+        "camera_tilt_rad": _radians(settings.head.camera_tilt_deg),
+        "imu_m": settings.head.imu_m,
+    }
+    limits = {
+        "position_rad": _radians(settings.position_limit_deg),
+        "rate_rad_s": settings.rate_limit_rad_s,
+        "acceleration_rad_s2": settings.acceleration_limit_rad_s2,
+    }
+    model = replace(preset, limits=replace(preset.limits, **_known(limits)), **_known(given))
+    if model == preset:
+        return preset
+    if model.radius_m >= model.joint_length_m:
+        # The contact spheres of neighbouring links would reach beyond each other's link.
+        raise InputError("robot.radius_m", f"{model.radius_m:g} is not possible", f"< {model.joint_length_m:g}")
+    return replace(model, name=f"snake{model.joint_count}")
+
+
+def robot_document(model: SnakeModel) -> RobotSettings:
+    """Return the settings that describe ``model``: a preset by its name, another robot by all of its numbers."""
+    for name, preset in PRESETS.items():
+        if model == replace(preset, head_posture=model.head_posture):
+            return RobotSettings(model=name, head_posture=model.head_posture)
+    return RobotSettings(
+        head_posture=model.head_posture,
+        joint_count=model.joint_count,
+        link_length_m=model.joint_length_m,
+        radius_m=model.radius_m,
+        link_mass_kg=model.link_mass_kg,
+        position_limit_deg=float(np.rad2deg(model.limits.position_rad)),
+        rate_limit_rad_s=model.limits.rate_rad_s,
+        acceleration_limit_rad_s2=model.limits.acceleration_rad_s2,
+        torque_nm=model.torque_nm,
+        head=RobotHeadSettings(
+            camera_m=model.camera_m, camera_tilt_deg=float(np.rad2deg(model.camera_tilt_rad)), imu_m=model.imu_m
+        ),
+    )
+
+
+def _radians(angle_deg: float | None) -> float | None:
+    return None if angle_deg is None else float(np.deg2rad(angle_deg))
+
+
+def _known(numbers: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in numbers.items() if value is not None}

@@ -1,12 +1,16 @@
 """Recordings in the registry of backends."""
 
-from snakeslam.backends.base import Backend
+from typing import TYPE_CHECKING
+
 from snakeslam.backends.kind import BackendKind, BackendRequest
 from snakeslam.errors import InputError
 from snakeslam.recording.settings import ReplaySettings
 
+if TYPE_CHECKING:
+    from snakeslam.backends.base import Backend
 
-def _open(request: BackendRequest[ReplaySettings]) -> Backend:
+
+def _open(request: BackendRequest[ReplaySettings]) -> "Backend":
     from snakeslam.backends.replay.backend import ReplayBackend
 
     if request.settings.recording is None:

@@ -1,12 +1,16 @@
 """The simulator in the registry of backends; it is loaded when it is opened, and may not be installed."""
 
-from snakeslam.backends.base import Backend, FrameSource
+from typing import TYPE_CHECKING
+
 from snakeslam.backends.kind import BackendKind, BackendRequest
 from snakeslam.backends.sim.settings import SimSettings
 from snakeslam.errors import InputError
 
+if TYPE_CHECKING:
+    from snakeslam.backends.base import Backend, FrameSource
 
-def _open(request: BackendRequest[SimSettings]) -> Backend:
+
+def _open(request: BackendRequest[SimSettings]) -> "Backend":
     try:
         from snakeslam.backends.sim.backend import SimBackend
     except ModuleNotFoundError as error:
@@ -14,7 +18,7 @@ def _open(request: BackendRequest[SimSettings]) -> Backend:
     return SimBackend(request.model, request.settings, request.seed, request.camera)
 
 
-def _open_camera(request: BackendRequest[SimSettings]) -> FrameSource:
+def _open_camera(request: BackendRequest[SimSettings]) -> "FrameSource":
     try:
         from snakeslam.backends.sim.scene import SceneCamera
     except ModuleNotFoundError as error:

@@ -15,7 +15,8 @@ from snakeslam.messages import Float
 from snakeslam.recording import tables
 from snakeslam.recording.datasets.common import validated
 from snakeslam.recording.recording import JointTable
-from snakeslam.robot.model import RobotSettings, SnakeModel, snake_model
+from snakeslam.robot.model import SnakeModel, robot_document, snake_model
+from snakeslam.robot.settings import RobotSettings
 from snakeslam.settings import Settings
 from snakeslam.yaml_reader import read_yaml
 
@@ -37,7 +38,7 @@ def write_session(path: Path, model: SnakeModel | None, seed: int) -> None:
     """Write ``session.yaml``."""
     facts: dict[str, Any] = {"run": {"seed": seed}}
     if model is not None:
-        facts["robot"] = {"model": model.name, "head_posture": model.head_posture}
+        facts["robot"] = robot_document(model).model_dump(mode="json", exclude_unset=True)
     path.write_text(yaml.safe_dump(facts), encoding="ascii")
 
 

@@ -15,7 +15,7 @@ from snakeslam.messages import (
     JointTarget,
     PoseEstimate,
 )
-from snakeslam.robot.model import RobotSettings
+from snakeslam.robot.settings import RobotSettings
 from snakeslam.runtime.bus.commands import RobotCommand
 
 

@@ -38,8 +38,8 @@ import json, sys
 from snakeslam.gaits import forms
 forms.__path__.append(sys.argv[1])
 import pickle
-from server.routes.gait import GaitRequest, _entry_json
-from server.state import gait_json
+from server.routes.gait import GaitRequest, _entry
+from server.state import gait_state
 from snakeslam.config import load_config
 from snakeslam.config_file import sim_yaml
 from snakeslam.control import Control
@@ -60,8 +60,8 @@ for k in range(150):
 gait = resolve(config.gait, model)
 print(json.dumps({
     "order": list(GAITS), "moved": bool(abs(target.q_rad).max() > 0.03), "notice": gait.notice,
-    "drawn": draw(gait, model).points.shape, "state": gait_json(command),
-    "entry": _entry_json(GAITS["inchworm"], model),
+    "drawn": draw(gait, model).points.shape, "state": gait_state(command).model_dump(),
+    "entry": _entry(GAITS["inchworm"], model).model_dump(),
     "schema": GaitRequest.model_json_schema()["properties"], "yaml": sim_yaml(), "effect": effect("predictive", gait),
 }))
 """

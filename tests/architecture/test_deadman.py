@@ -23,7 +23,7 @@ def constants(path: Path) -> Iterator[str]:
                 yield f"{path.relative_to(ROOT)}: {ast.unparse(name)}"
 
 
-def test_the_deadman_limit_stands_in_one_place() -> None:
+def test_the_deadman_limit_is_set_in_one_module() -> None:
     modules = [*(ROOT / "snakeslam/runtime").rglob("*.py"), *(ROOT / "server").rglob("*.py")]
     found = {constant for path in modules for constant in constants(path)}
     assert found == OTHERS | {"snakeslam/runtime/robot/deadman.py: DEADMAN_S"}

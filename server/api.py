@@ -7,14 +7,14 @@ import json
 import sys
 from collections.abc import Callable
 from contextlib import AbstractAsyncContextManager
+from importlib import import_module
 from importlib.metadata import version
+from pkgutil import iter_modules
 
-from fastapi import Depends, FastAPI
+from fastapi import APIRouter, Depends, FastAPI
 
-from server import openapi
-from server.routes import PREFIX, control, estop, gait, head, map, recordings, runs, session, state  # noqa: A004
+from server import openapi, routes
 
-ROUTES = (state, control, gait, head, estop, recordings, map, runs, session)
 Lifespan = Callable[[FastAPI], AbstractAsyncContextManager[None]]
 
 
@@ -28,10 +28,16 @@ def create_api(lifespan: Lifespan | None = None) -> FastAPI:
         docs_url=None,
         redoc_url=None,
     )
-    for module in ROUTES:
-        app.include_router(module.router, prefix=PREFIX, dependencies=[Depends(openapi.json_only)])
+    for router in _routers():
+        app.include_router(router, prefix=routes.PREFIX, dependencies=[Depends(openapi.json_only)])
     openapi.install(app)
     return app
+
+
+def _routers() -> list[APIRouter]:
+    """Return the router of every module in ``server.routes``, by the modules' names."""
+    modules = [import_module(f"{routes.__name__}.{module.name}") for module in iter_modules(routes.__path__)]
+    return [module.router for module in modules]
 
 
 if __name__ == "__main__":

@@ -129,7 +129,7 @@ def set_cookie(response: Response, session: str, connection: HTTPConnection, las
 
 
 def delete_cookie(response: Response, connection: HTTPConnection) -> None:
-    """Have the browser forget its session."""
+    """Delete the session's cookie in the browser."""
     response.delete_cookie(COOKIE, path="/", httponly=True, samesite="strict", secure=is_secure(connection))
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import structlog
 
 AFTER_FAILURE_S = 1.0
-"""A loop whose every step fails shall not fill the log."""
+"""Pause after a failed step, so that a loop whose every step fails does not fill the log."""
 Say = Callable[[str, str], None]
 """Takes a level and words for the timeline."""
 _log = structlog.get_logger("background")
@@ -39,7 +39,7 @@ async def keep_on(name: str, step: Callable[[], Awaitable[None]], say: Say | Non
 
 
 def attempt(name: str, step: Callable[[], None], say: Say | None = None) -> None:
-    """Do ``step``; one that fails is noted."""
+    """Run ``step`` once; a failure is logged."""
     try:
         step()
     except Exception as error:  # noqa: BLE001  whatever it is, the caller goes on

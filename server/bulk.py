@@ -22,7 +22,7 @@ from server.problem import problem_response
 T = TypeVar("T")
 PIECE_BYTES = 64 * 1024
 MOST_EACH, MOST_VIEWERS, MOST = 2, 6, 8
-"""Answers at a time: to one credential, to all who only watch, and to all together."""
+"""The number of answers at a time: to one credential, to all viewers, and to all callers."""
 THREADS = 2
 WAIT_S, POLL_S = 1.0, 0.02
 RETRY_AFTER = {"Retry-After": "1"}

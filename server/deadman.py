@@ -47,7 +47,7 @@ class Deadman:
         return self.drive != 0.0
 
     def synchronise(self, t_s: float, now_s: float) -> None:
-        """Learn of the sender's clock from a ping."""
+        """Note the offset of the sender's clock from a ping."""
         self._offsets_s.append(now_s - t_s)
 
     def age_s(self, t_s: float, now_s: float) -> float:

@@ -62,7 +62,7 @@ class Services:
         self.metrics.leased.set(1)
 
     def publish_lease(self, lease: Lease, how: str, more: str = "") -> None:
-        """Say everywhere what became of the lease."""
+        """Publish a change of the lease: metrics, log and timeline."""
         self.metrics.leases.labels(how).inc()
         self.metrics.leased.set(self.desk.lease is not None)
         _log.info("control", holder=lease.holder, how=how + more)
@@ -70,7 +70,7 @@ class Services:
         self.telemetry.say(level, f"{lease.holder}: control {how}{more}")
 
     async def session_over(self, session: Session) -> None:
-        """End what a session that is over has open: its websockets, and its control of the robot, which stops."""
+        """Close the websockets of a session that has ended, and end its control: the robot stops."""
         self.sockets.end_session(session.identity)
         lease = self.desk.revoke(session.identity)
         if lease is not None:

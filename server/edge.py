@@ -145,6 +145,6 @@ class EdgeProtocol(H11Protocol):
         super().pause_writing()
 
     def resume_writing(self) -> None:
-        """Note that it does again."""
+        """Note that the other side receives again."""
         self.edge.stalled_s = None
         super().resume_writing()

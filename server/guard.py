@@ -105,7 +105,7 @@ class Guard:
 
 
 def _who(caller: Caller) -> str:
-    """Return whose presses are counted together: an operator's own, those of all who only watch."""
+    """Return the name under which presses are counted: an operator's own, or one for all viewers."""
     return caller.role if caller.role == "viewer" else caller.identity
 
 

@@ -36,7 +36,7 @@ class Keeper:
             await self._stop()
 
     async def watch_sessions(self) -> None:
-        """End what belongs to sessions that are over, until cancelled."""
+        """Close what sessions that have ended left open, until cancelled."""
         await keep_on("the watch over the sessions", self._end_sessions, self._services.telemetry.say)
 
     async def _end_sessions(self) -> None:

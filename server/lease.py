@@ -9,11 +9,11 @@ from time import monotonic
 from server.problem import Problem
 
 RENEWED_S = 10.0
-"""A lease that its holder renews lapses so long after the last time."""
+"""A lease that its holder renews lapses this long after the last renewal."""
 GONE_S = 2.0
-"""One that a page renews lapses so soon once its socket has closed and is not opened again."""
+"""The lease of a page lapses this long after its socket has closed, unless it is opened again."""
 UNASKED_S = 60.0
-"""A script that commands without a lease of its own has a free one for so long after each command."""
+"""A script that commands without having taken a lease holds a free one for this long after each command."""
 LONGEST_S = 3600.0
 
 
@@ -50,7 +50,7 @@ class Desk:
 
     @property
     def left_s(self) -> float:
-        """How long it is still good for."""
+        """Seconds until the lease lapses."""
         return max(self._until_s - self._clock(), 0.0) if self._lease is not None else 0.0
 
     def holds(self, key: str | None) -> bool:
@@ -69,13 +69,13 @@ class Desk:
         return self._give(secrets.token_urlsafe(18), holder, seconds, identity)
 
     def renew(self, key: str | None) -> Lease:
-        """Go on holding it; Problem when it is no longer this one's."""
+        """Renew the lease; Problem when ``key`` no longer holds it."""
         lease = self._need_own(key)
         self._until_s = self._clock() + lease.seconds
         return lease
 
     def release(self, key: str | None) -> Lease:
-        """Give it back; Problem when it is no longer this one's."""
+        """End the lease; Problem when ``key`` no longer holds it."""
         lease = self._need_own(key)
         self._end()
         return lease

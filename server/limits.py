@@ -21,7 +21,7 @@ class Rates:
 
     read: Rate = Rate(300.0, 100.0)
     viewers: Rate = Rate(600.0, 200.0)
-    """All requests of those who may only watch, together."""
+    """All requests of viewers together."""
     estop: Rate = Rate(30.0, 10.0)
     write: Rate = Rate(60.0, 30.0)
     sign_in: Rate = Rate(10.0, 0.5)

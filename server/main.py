@@ -56,7 +56,7 @@ def bind(host: str, port: int) -> socket.socket:
 
 
 class _Server(uvicorn.Server):
-    """Says when it is ready; brings the robot to a hold before it lets its clients go."""
+    """Reports when it is ready; brings the robot to a hold before it disconnects its clients."""
 
     def __init__(self, app: FastAPI, connections: Connections, ready: Callable[[], None]) -> None:
         super().__init__(_uvicorn(app, connections))

@@ -85,7 +85,7 @@ class Metrics:
             self.phase.labels(name).set(name == phase)
 
     def text(self) -> bytes:
-        """Everything, in Prometheus' text format."""
+        """Return all figures in Prometheus' text format."""
         return generate_latest(self.registry)
 
 

@@ -53,13 +53,13 @@ class RunStore:
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
     def open(self) -> None:
-        """Clear what killed servers and runs left half done."""
+        """Remove what killed servers and runs left unfinished."""
         with contextlib.suppress(OSError):
             clear_all_dead(self.folder, f"{OWNER}*")
             clear_all_dead(self.folder, ".*.part")
 
     def close(self) -> None:
-        """Give the folder up."""
+        """Release the folder."""
         if self._claim is not None:
             self._claim.remove()
 
@@ -132,7 +132,7 @@ class RunStore:
         return record_of_facts(run_id, strict_json.read(self.folder / run_id / "run.json"))
 
     def _judged(self, record: RunRecord) -> RunRecord:
-        """Return a record as it stands now: a run whose server is dead is over, well or not."""
+        """Return a record as it is now: a run whose server has died is done or interrupted."""
         if record.state not in ("queued", "running"):
             return record
         owner = record.owner or ""

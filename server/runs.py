@@ -282,7 +282,7 @@ class Runs:
 
 
 async def _lines(stream: asyncio.StreamReader, on_line: Callable[[str], None]) -> None:
-    """Hand on each line that is not empty; of one that is too long, its end."""
+    """Pass on each line that is not empty; of a line that is too long, its end."""
     rest = b""
     while data := await stream.read(LONGEST_LINE):
         *lines, rest = (rest + data).split(b"\n")
@@ -299,7 +299,7 @@ def _text(line: bytes) -> str:
 
 
 def _follow(run: Run, line: str) -> None:
-    """Keep the progress, or the last other lines."""
+    """Note the progress, or keep the line among the last others."""
     progress = _progress(line)
     if progress is not None:
         run.progress = progress
@@ -330,7 +330,7 @@ def _conclude(run: Run, code: int, last: str) -> None:
 
 
 async def _end(process: asyncio.subprocess.Process, patience_s: float) -> None:
-    """Ask a process to end, then insist."""
+    """Terminate a process, and kill it if it does not end in time."""
     if process.returncode is not None:
         return
     with contextlib.suppress(ProcessLookupError):

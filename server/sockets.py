@@ -20,7 +20,7 @@ CLOSE_S, GIVE_BACK_S = 1.0, 3.0
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """How many sockets of a kind may be open: with one credential, by all who only watch, and by all together."""
+    """How many sockets of a kind may be open: with one credential, by all viewers, and in total."""
 
     each: int
     viewers: int
@@ -87,7 +87,7 @@ class Sockets:
                 entry.close(SIGNED_OUT, "signed out")
 
     def _give_back_soon(self) -> None:
-        """Give the system the memory that views had, once for all that close together."""
+        """Return the memory of closed views to the system, once for all that close at about the same time."""
         if not self._giving_back:
             self._giving_back = True
             asyncio.get_running_loop().call_later(GIVE_BACK_S, self._give_back)
@@ -117,7 +117,7 @@ class Sockets:
 
 
 def _trim_heap() -> None:
-    """Return freed memory to the system, which glibc by itself keeps; other C libraries have no such function."""
+    """Return freed memory to the system, which glibc keeps otherwise; other C libraries have no such function."""
     trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
     if trim is not None:
         trim(0)

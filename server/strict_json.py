@@ -1,4 +1,4 @@
-"""JSON from elsewhere, as RFC 8259 has it: what Python's reader takes beyond that, or falls over, is a ValueError."""
+"""JSON of other programs, strictly by RFC 8259: all else is a ValueError, also what Python's reader accepts."""
 
 import json
 from pathlib import Path

@@ -40,11 +40,11 @@ class Client:
         self._changed.set()
 
     def forget(self) -> None:
-        """Drop what has not been sent of a session that is over, except for words."""
+        """Drop what has not been sent of a session that has ended, except for events."""
         self._newest.clear()
 
     def put_event(self, message: str) -> None:
-        """Queue words for the timeline."""
+        """Queue an event for the timeline."""
         self._events.append(message)
         self._changed.set()
 

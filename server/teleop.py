@@ -158,11 +158,11 @@ class Driver:
         return self._deadman.pressed
 
     def wake(self) -> None:
-        """Look at once whether anything has changed."""
+        """Check at once whether anything has changed."""
         self._changed.set()
 
     async def run(self) -> None:
-        """Listen and obey until the socket ends or control is lost."""
+        """Serve the socket until it closes or control is lost."""
         try:
             await first_of("a teleop socket", self._read(), self._write())
         finally:

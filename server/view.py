@@ -37,7 +37,7 @@ class View:
         return 0.0 if self.started is None else (t_ns - self.started.t_start_ns) * NS
 
     def on_report(self, report: Report) -> None:
-        """Keep what a report says."""
+        """Update what is known from a report."""
         if isinstance(report, Started):
             self._begin(report)
         elif isinstance(report, Restarting):
@@ -55,7 +55,7 @@ class View:
             self.phase, self.message = ("ended", None) if report.error is None else ("failed", report.error)
 
     def _begin(self, started: Started) -> None:
-        """Begin, or begin anew: a robot node that was started again has a time and a world of its own."""
+        """Begin; after a restart of the robot node forget what was known, as its time and world begin anew."""
         self.phase, self.message = "running", None
         if self.started is not None:
             self.tick, self.chunks = None, {}

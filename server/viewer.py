@@ -162,7 +162,7 @@ class Scene:
             self._camera._image_data = image.jpeg  # pyright: ignore[reportPrivateUsage]
 
     def show_path(self, name: str, rows: list[tuple[float, float, float, float]], period_s: float) -> None:
-        """Draw a trajectory, averaged over the gait's period: a swinging head's own path would bury the body."""
+        """Draw a trajectory, averaged over the gait's period: a swinging head's own path would hide the body."""
         if len(rows) < 2:
             if not rows and name in self._paths:
                 self._paths.pop(name).remove()

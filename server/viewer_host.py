@@ -1,4 +1,4 @@
-"""A viser server that nobody but this process can reach: on a Unix socket in a private folder, without its GUI."""
+"""A viser server that only this process can reach: on a Unix socket in a private folder, without its GUI."""
 
 import contextlib
 import importlib

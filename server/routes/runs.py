@@ -42,7 +42,7 @@ def get_run(run_id: str, services: ServicesDep) -> RunAnswer:
 
 @router.delete("/runs/{run_id}")
 async def cancel(run_id: str, services: ServicesDep) -> RunAnswer:
-    """Cancel a run that waits or runs; one that is over stays as it is."""
+    """Cancel a run that is queued or runs; one that has ended stays as it is."""
     run = services.runs.own(run_id)
     if run is not None:
         await services.runs.cancel(run)

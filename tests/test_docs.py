@@ -18,6 +18,8 @@ FILE = re.compile(r"`((?:[\w.-]+/)+[\w.-]*\.(?:py|md|yaml|yml|ts|png|css|toml)|[
 PACKAGES = ("", "snakeslam", "snakeslam/estimation", "snakeslam/runtime", "snakeslam/backends", "web/src")
 """Where a path may begin: a page on the estimator names ``filter/state.py``."""
 OF_RECORDINGS = {"cam0/sensor.yaml", "imu0/sensor.yaml"}
+NEW = "NAME."
+"""Stands for a file that the reader is to make."""
 WIDTH = 120
 
 
@@ -53,7 +55,7 @@ def test_links_lead_somewhere(document: Path) -> None:
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda p: str(p.relative_to(ROOT)))
 def test_named_files_exist(document: Path) -> None:
-    named = set(FILE.findall(document.read_text(encoding="utf-8"))) - OF_RECORDINGS
+    named = {n for n in FILE.findall(document.read_text(encoding="utf-8")) if NEW not in n} - OF_RECORDINGS
     missing = {
         name
         for name in named

@@ -27,21 +27,21 @@ from snakeslam.runtime.assembly.spec import SessionSpec  # noqa: E402
 from snakeslam.runtime.bus.bus import Bus  # noqa: E402
 from snakeslam.runtime.bus.commands import EStop, ResetEStop, RobotCommand, Start  # noqa: E402
 from snakeslam.runtime.bus.link import Link, unix_endpoint  # noqa: E402
-from snakeslam.runtime.bus.orders import Sender  # noqa: E402
+from snakeslam.runtime.bus.sender import Sender  # noqa: E402
 from snakeslam.runtime.bus.topics import (  # noqa: E402
+    COMMANDS,
     ESTOP,
-    ORDERS,
     ROBOT_STATE,
-    SERVER_BEAT,
-    SLAM_BEAT,
+    SERVER_HEARTBEAT,
+    SLAM_HEARTBEAT,
     RobotState,
 )
-from snakeslam.runtime.bus.wire import Beat, Order  # noqa: E402
+from snakeslam.runtime.bus.wire import Heartbeat, SentCommand  # noqa: E402
 from snakeslam.runtime.nodes.robot import run_robot  # noqa: E402
 from snakeslam.runtime.process.clock import RobotClock  # noqa: E402
 from snakeslam.runtime.process.node import spawn  # noqa: E402
-from tests.faults.held_hand import ROBOT, SERVER, SLAM, Served, Watcher  # noqa: E402
 from tests.faults.nodes import CONFIG  # noqa: E402
+from tests.faults.served import ROBOT, SERVER, SLAM, Served, Watcher  # noqa: E402
 from tests.server.running import wait_for  # noqa: E402
 from tests.server.still_robot import still_robot  # noqa: E402
 
@@ -82,7 +82,7 @@ class Lone:
         self.buses, self.senders = (Bus(link), Bus(link)), (Sender(), Sender())
         self.clock = RobotClock()
         self._over = threading.Event()
-        self._thread = threading.Thread(target=self._beat_on, daemon=True)
+        self._thread = threading.Thread(target=self._send_heartbeats, daemon=True)
         self.buses[0].subscribe(ROBOT_STATE, lambda state: self.clock.add(state.stamp_ns))
         wait_for(lambda: self.clock.now_ns() is not None and self.watcher.states)
         self._thread.start()
@@ -91,17 +91,17 @@ class Lone:
     def state(self) -> RobotState:
         return self.watcher.state
 
-    def send(self, command: RobotCommand, k: int = 0) -> Order:
-        order = self.senders[k].order(command, self.clock.now_ns() or 0)
-        self.buses[k].publish(ESTOP if isinstance(command, EStop) else ORDERS, order)
+    def send(self, command: RobotCommand, k: int = 0) -> SentCommand:
+        order = self.senders[k].stamped(command, self.clock.now_ns() or 0)
+        self.buses[k].publish(ESTOP if isinstance(command, EStop) else COMMANDS, order)
         return order
 
-    def done(self, order: Order) -> bool:
+    def done(self, order: SentCommand) -> bool:
         return any(answer.sender == order.sender and answer.done >= order.number for answer in self.state.answers)
 
-    def send_both(self) -> list[Order]:
+    def send_both(self) -> list[SentCommand]:
         """Send an E-stop from each sender, at the same instant."""
-        together, orders = threading.Barrier(2), [Order("", 0, 0, Start())] * 2
+        together, orders = threading.Barrier(2), [SentCommand("", 0, 0, Start())] * 2
 
         def send(k: int) -> None:
             together.wait()
@@ -122,11 +122,11 @@ class Lone:
         self.watcher.close()
         self.child.stop()
 
-    def _beat_on(self) -> None:
+    def _send_heartbeats(self) -> None:
         while not self._over.wait(0.05):
             now_ns = self.clock.now_ns() or 0
-            self.buses[0].publish(SERVER_BEAT, Beat("server", now_ns))
-            self.buses[0].publish(SLAM_BEAT, Beat("slam", now_ns))
+            self.buses[0].publish(SERVER_HEARTBEAT, Heartbeat("server", now_ns))
+            self.buses[0].publish(SLAM_HEARTBEAT, Heartbeat("slam", now_ns))
 
 
 @contextmanager
@@ -162,10 +162,10 @@ def double_estop(robot: Lone, freeze: bool) -> None:
     )
     need(robot.child.process.is_alive(), "the robot node is dead")
     need(robot.state.estop_reason is not None and not robot.state.moving, "it is not latched")
-    wait_or_violate(robot.watcher.still, "it does not brake")
+    wait_or_violate(robot.watcher.stationary, "it does not brake")
     reset = robot.send(ResetEStop())
     wait_or_violate(lambda: robot.done(reset) and robot.state.estop_reason is None, "it cannot be reset")
-    need(not robot.state.moving and robot.watcher.still(), "the reset moves it")
+    need(not robot.state.moving and robot.watcher.stationary(), "the reset moves it")
 
 
 def soak_estops(count: int, rng: np.random.Generator) -> Counter[str]:
@@ -178,9 +178,9 @@ def soak_estops(count: int, rng: np.random.Generator) -> Counter[str]:
     return counts
 
 
-def freeze_under_hand(served: Served, name: str, seconds: float) -> bool:
+def freeze_under_drive(served: Served, name: str, seconds: float) -> bool:
     """Freeze a program while the drive is held down; return whether the robot was held for it."""
-    served.move_by_hand()
+    served.move_by_drive()
     pids = {node: served.pid(node) for node in (ROBOT, SLAM, SERVER)}
     frozen_ns = time.monotonic_ns()
     with frozen(pids[name]):
@@ -193,7 +193,7 @@ def freeze_under_hand(served: Served, name: str, seconds: float) -> bool:
     need(first is not None or seconds < MUST_HOLD_S[name], f"it is not held for a freeze of {name}")
     need({node: served.pid(node) for node in pids} == pids, "a node has died")
     if first is not None:
-        wait_or_violate(served.watcher.still, "it does not come to rest")
+        wait_or_violate(served.watcher.stationary, "it does not come to rest")
     return first is not None
 
 
@@ -203,7 +203,7 @@ def soak_freezes(count: int, rng: np.random.Generator) -> Counter[str]:
         for _ in track(range(count), "freezes of each program"):
             for name in (ROBOT, SLAM, SERVER):
                 seconds = float(rng.uniform(*(LONG_S if rng.random() < LONG_SHARE else SHORT_S)))
-                held = freeze_under_hand(served, name, seconds)
+                held = freeze_under_drive(served, name, seconds)
                 counts[f"freezes of {name}, {'held' if held else 'too short to be held'}"] += 1
     return counts
 

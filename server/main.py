@@ -22,7 +22,7 @@ from snakeslam.config import Config
 from snakeslam.errors import InputError, SnakeslamError
 from snakeslam.garbage import collect_seldom
 from snakeslam.runtime.assembly.spec import SessionSpec
-from snakeslam.runtime.bus.socket_path import check_room_for_sockets
+from snakeslam.runtime.bus.socket_path import check_socket_paths
 from snakeslam.runtime.process.priority import set_server_priority
 
 GRACE_S = 2
@@ -89,7 +89,7 @@ def serve(config: Config, *, host: str, port: int, recordings: list[Path], spec:
     sys.setswitchinterval(SWITCH_S)
     with bind(host, port) as listener, temporary_folder("snakeslam-") as folder:
         # viser never returns where it cannot bind, and the bus's folder beside this one has the longer name.
-        check_room_for_sockets(folder.with_name("snakeslam-bus-12345678"), ["viewer.sock", "bus.sock"])
+        check_socket_paths(folder.with_name("snakeslam-bus-12345678"), ["viewer.sock", "bus.sock"])
         set_server_priority()
         url = _url(host, listener)
         settings = ServerSettings(spec, token, host, folder, tuple(recordings), viewer_token=watching)

@@ -15,7 +15,7 @@ from snakeslam.gaits.catalogue import PARAMETER_KINDS
 from snakeslam.head.settings import HeadSettings
 from snakeslam.messages import Float, GaitCommand, Health, Verdict
 from snakeslam.robot.model import snake_model
-from snakeslam.runtime.bus.topics import Event, Features, Governed, HeadMotion, Picture, PlaybackState, Tick
+from snakeslam.runtime.bus.topics import Event, Features, Governed, HeadMotion, JpegImage, PlaybackState, Tick
 
 FRAME = b"\x01"
 
@@ -129,7 +129,7 @@ def timeline_event(view: View, event: Event) -> models.TimelineEvent:
     return models.TimelineEvent.model_validate({"t_s": t_s, "level": event.level, "text": event.text})
 
 
-def image_bytes(view: View, image: Picture) -> bytes:
+def image_bytes(view: View, image: JpegImage) -> bytes:
     """Return a camera image of /telemetry: kind, header length, header, JPEG."""
     t_s = round(view.t_s(image.t_ns), 4)
     header = models.ImageHeader(t_s=t_s, seq=image.seq, width=image.width, height=image.height)

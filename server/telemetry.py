@@ -14,7 +14,7 @@ from server.live import Live
 from server.metrics import Metrics
 from server.view import View
 from snakeslam.messages import MapChunk
-from snakeslam.runtime.bus.topics import Ended, Event, Features, Opening, Picture, Report, Started, Tick
+from snakeslam.runtime.bus.topics import Ended, Event, Features, JpegImage, Opening, Report, Started, Tick
 
 MAX_EVENTS = 100
 STALLED_S = 15.0
@@ -67,7 +67,7 @@ class Telemetry:
         self._clients: set[Client] = set()
         self._recent: deque[str] = deque(maxlen=MAX_EVENTS)
         self._news: dict[str, Any] = {}
-        self._image: Picture | None = None
+        self._image: JpegImage | None = None
         live.subscribe(self._on_report)
 
     async def serve(self, socket: WebSocket) -> None:
@@ -116,7 +116,7 @@ class Telemetry:
             self._image = None
             for client in self._clients:
                 client.forget()
-        elif isinstance(report, Picture):
+        elif isinstance(report, JpegImage):
             self._metrics.images.inc()
             self._image = report
             if self._clients:
@@ -134,7 +134,7 @@ class Telemetry:
             self.publish_state()
 
     def _has_news(self, report: Report) -> bool:
-        return not isinstance(report, MapChunk | Picture | Features) and self._news_of() != self._news
+        return not isinstance(report, MapChunk | JpegImage | Features) and self._news_of() != self._news
 
     def _news_of(self) -> dict[str, Any]:
         now = state.state(self._live, self._desk)

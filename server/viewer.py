@@ -16,7 +16,7 @@ from server.viewer_host import start_viser, stop_viser
 from snakeslam.geometry import so3
 from snakeslam.mapping.detail import coarse_to_fine
 from snakeslam.messages import Float, MapChunk
-from snakeslam.runtime.bus.topics import Opening, Picture, Report, RobotShape, Started, Tick
+from snakeslam.runtime.bus.topics import JpegImage, Opening, Report, RobotShape, Started, Tick
 
 RATE_HZ = 15.0
 PATH_RATE_HZ = 2.0
@@ -155,7 +155,7 @@ class Scene:
             self._server.initial_camera.position = p_W + VIEW_FROM_M
             self._server.initial_camera.look_at = p_W
 
-    def show_image(self, image: Picture) -> None:
+    def show_image(self, image: JpegImage) -> None:
         """Show the image in the frustum, as it came: no second encoding."""
         if self._camera is not None:
             self._camera._format = "jpeg"  # pyright: ignore[reportPrivateUsage]
@@ -246,7 +246,7 @@ class Viewer:
         self._wanted: Started | None = None
         self._fresh = False
         self._tick: Tick | None = None
-        self._image: Picture | None = None
+        self._image: JpegImage | None = None
         self._chunks: deque[MapChunk] = deque()
         self._view: View | None = None
         self._stop = threading.Event()
@@ -263,7 +263,7 @@ class Viewer:
                 self._chunks.clear()
             elif isinstance(report, Tick):
                 self._tick = report
-            elif isinstance(report, Picture):
+            elif isinstance(report, JpegImage):
                 self._image = report
             elif isinstance(report, MapChunk):
                 self._chunks.append(report)

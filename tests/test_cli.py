@@ -58,7 +58,7 @@ def test_help_names_every_command(cli: Cli) -> None:
     [
         (["node", "robot"], "needs one endpoint"),
         (["node", "slam", "--connect", "tcp/host:7447"], "would be open to all"),
-        (["node", "slam", "--connect", "elsewhere"], "is no endpoint"),
+        (["node", "slam", "--connect", "elsewhere"], "is not an endpoint"),
         (["node", "slam", "--connect", "tls/robot.local:7447"], "needs certificates"),
         (["node", "robot", "--listen", "tls/h:1", "--ca", "a", "--cert", "b", "--key", "c"], "no such file"),
         (["serve", "--connect", "tcp/host:7447"], "would be open to all"),

@@ -18,11 +18,11 @@ from snakeslam.runtime.assembly.spec import SessionSpec
 from snakeslam.runtime.bus.bus import Bus
 from snakeslam.runtime.bus.commands import Drive, EStop, RobotCommand
 from snakeslam.runtime.bus.link import Link, unix_endpoint
-from snakeslam.runtime.bus.orders import Sender
+from snakeslam.runtime.bus.sender import Sender
 from snakeslam.runtime.bus.topics import (
     CHUNKS,
+    COMMANDS,
     ESTOP,
-    ORDERS,
     ROBOT_EVENTS,
     ROBOT_STATE,
     SENSORS,
@@ -31,7 +31,7 @@ from snakeslam.runtime.bus.topics import (
     RobotState,
     SlamState,
 )
-from snakeslam.runtime.bus.wire import Order, Sensors
+from snakeslam.runtime.bus.wire import Sensors, SentCommand
 from snakeslam.runtime.nodes.robot import run_robot
 from snakeslam.runtime.nodes.slam import run_slam
 from snakeslam.runtime.process.clock import RobotClock
@@ -87,26 +87,26 @@ class Nodes:
                 os.kill(child.process.pid or 0, signal.SIGCONT)
             child.stop()
 
-    def order(self, command: RobotCommand, stamp_ns: int | None = None) -> Order:
+    def send_now(self, command: RobotCommand, stamp_ns: int | None = None) -> SentCommand:
         """Send ``command``, stamped now or otherwise."""
         now_ns = self.clock.now_ns()
         assert now_ns is not None
-        order = self.sender.order(command, now_ns if stamp_ns is None else stamp_ns)
-        self.send(order)
-        return order
+        sent = self.sender.stamped(command, now_ns if stamp_ns is None else stamp_ns)
+        self.send(sent)
+        return sent
 
-    def send(self, order: Order) -> None:
-        self.bus.publish(ESTOP if isinstance(order.command, EStop) else ORDERS, order)
+    def send(self, sent: SentCommand) -> None:
+        self.bus.publish(ESTOP if isinstance(sent.command, EStop) else COMMANDS, sent)
 
-    def answered(self, order: Order) -> str | None:
+    def answered(self, sent: SentCommand) -> str | None:
         """Wait for the robot's answer; return why it refused."""
 
         def done() -> bool:
-            return any(a.sender == order.sender and a.done >= order.number for a in self.states[-1].answers)
+            return any(a.sender == sent.sender and a.done >= sent.number for a in self.states[-1].answers)
 
         wait_for(done)
-        answer = next(a for a in self.states[-1].answers if a.sender == order.sender)
-        return next((refusal.reason for refusal in answer.refusals if refusal.number == order.number), None)
+        answer = next(a for a in self.states[-1].answers if a.sender == sent.sender)
+        return next((refusal.reason for refusal in answer.refusals if refusal.number == sent.number), None)
 
     def rates(self, since_ns: int) -> list[tuple[int, float]]:
         """Return (stamp, largest step of a joint in rad) of every target since ``since_ns``."""
@@ -116,20 +116,20 @@ class Nodes:
         return [(stamp, float(np.abs(q - before).max())) for (_, before), (stamp, q) in pairs if stamp >= since_ns]
 
     def assert_held(self, since_ns: int, seconds: float = 0.6) -> None:
-        """The robot moved at ``since_ns``, brakes at once when it must know, and is at rest ever after."""
+        """The robot moved at ``since_ns``, brakes as soon as it must know of it, and is stationary from then on."""
         wait_for(lambda: self.steps and self.steps[-1][0] > since_ns + HOLD_NS + int(seconds * 1e9))
         # On a busy machine the steps come later than every 10 ms.
         wait_for(lambda: len(self.rates(since_ns + HOLD_NS)) > 3 * BRAKE_STEPS)
         known = self.rates(since_ns + HOLD_NS)
         assert all(step == 0.0 for _, step in known[BRAKE_STEPS:]), "it still moves"
 
-    def assert_still(self, seconds: float = 0.3) -> None:
+    def assert_stationary(self, seconds: float = 0.3) -> None:
         """The servos get one and the same target for a while."""
         since_ns = time.monotonic_ns()
         wait_for(lambda: self.steps[-1][0] > since_ns + int(seconds * 1e9))
         assert all(step == 0.0 for _, step in self.rates(since_ns)), "it moves"
 
-    def wait_still(self) -> None:
+    def wait_stationary(self) -> None:
         """Wait until the servos have had one and the same target for a while."""
         since_ns = time.monotonic_ns()
         wait_for(lambda: len(steps := self.rates(since_ns)) > 30 and all(step == 0.0 for _, step in steps[-30:]))
@@ -138,11 +138,11 @@ class Nodes:
         """Wait until the servos move; ``command`` is repeated meanwhile."""
         since_ns = time.monotonic_ns()
         if isinstance(command, Drive):
-            self.order(Drive(0.0))  # a hand that this robot node has not seen open must let go first
+            self.send_now(Drive(0.0))  # an input that this robot node does not know must be released first
 
         def moving() -> bool:
             if command is not None:
-                self.order(command)
+                self.send_now(command)
             return sum(step > 1e-4 for _, step in self.rates(since_ns)) > 20
 
         wait_for(moving)

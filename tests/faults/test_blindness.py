@@ -40,7 +40,7 @@ def blind(site: Site) -> bool:
     return state["held_because"] == WHY
 
 
-def at_rest(nodes: Nodes) -> bool:
+def stopped(nodes: Nodes) -> bool:
     """Whether the servos have had one and the same target for a while."""
     steps = nodes.rates(time.monotonic_ns() - 300_000_000)
     return len(steps) > 10 and all(step < 1e-6 for _, step in steps)
@@ -67,7 +67,7 @@ def test_a_blind_robot_stops_by_itself_and_backs_up_on_request(site: Site) -> No
     wait_for(lambda: blind(site), START_S)
     assert site.get("/state")["back_up_offered"]
     # At rest the pose is certain again, but nothing is seen: the offer stands.
-    nodes.assert_still()
+    nodes.assert_stationary()
     assert site.get("/state")["back_up_offered"]
 
     backing = moving_until(site, "/gait/back-up", None)
@@ -75,7 +75,7 @@ def test_a_blind_robot_stops_by_itself_and_backs_up_on_request(site: Site) -> No
     assert (backing[-1].t_ns - backing[0].t_ns) / 1e9 == pytest.approx(BACK_UP_S, abs=0.3)
     assert site.get("/state")["back_up_offered"]
     # It stops as smoothly as an operator stops it.
-    wait_for(lambda: at_rest(nodes))
+    wait_for(lambda: stopped(nodes))
 
     # A fresh start goes on for the whole limit, blind as the robot is.
     going = moving_until(site, "/gait/start", WHY)
@@ -89,10 +89,10 @@ def test_a_back_up_ends_with_a_stop_and_obeys_the_emergency_stop(site: Site) -> 
     wait_for(lambda: not site.get("/state")["moving"])
     wait_for(lambda: site.post("/gait/back-up").status_code == HTTPStatus.OK, START_S)
     assert site.post("/estop").status_code == HTTPStatus.OK
-    nodes.assert_still()
+    nodes.assert_stationary()
     refused = site.post("/gait/back-up")
     assert refused.status_code == HTTPStatus.CONFLICT
     assert "E-stop" in refused.json()["detail"]
     assert not site.get("/state")["back_up_offered"]
     site.post("/estop/reset")
-    nodes.assert_still()
+    nodes.assert_stationary()

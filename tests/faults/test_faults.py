@@ -90,7 +90,7 @@ def test_a_killed_server_leaves_a_held_robot_and_the_next_one_finds_the_map(movi
     moving.restart()
     wait_for(moving.running, START_S)
     wait_for(lambda: moving.get("/map")["points"] >= points)
-    moving.nodes.assert_still()
+    moving.nodes.assert_stationary()
     assert not moving.get("/state")["moving"]
     moving.moving()
 
@@ -103,7 +103,7 @@ def test_a_frozen_server_leaves_a_held_robot_that_stays_where_it_is_when_it_thaw
     finally:
         os.kill(moving.server.process.pid, signal.SIGCONT)
     wait_for(moving.running)
-    moving.nodes.assert_still()
+    moving.nodes.assert_stationary()
     moving.moving()
 
 
@@ -125,7 +125,7 @@ def test_a_killed_slam_holds_the_robot_and_the_next_one_goes_on_where_it_was(mov
     assert np.linalg.norm(again[:3, 3] - pose[:3, 3]) < 0.05
     wait_for(lambda: len(nodes.chunks) > len(chunks))
     assert all(nodes.chunks[key].revision >= chunk.revision for key, chunk in chunks.items())
-    nodes.assert_still()
+    nodes.assert_stationary()
     moving.moving()
 
 
@@ -138,17 +138,17 @@ def test_a_frozen_slam_holds_the_robot(moving: Site) -> None:
         wait_for(lambda: moving.get("/state")["health"]["verdict"] == "lost")
     finally:
         os.kill(pid, signal.SIGCONT)
-    moving.nodes.assert_still()
+    moving.nodes.assert_stationary()
     moving.moving()
 
 
-def test_a_frozen_robot_is_told_and_does_nothing_late_when_it_thaws(moving: Site) -> None:
+def test_a_frozen_robot_is_reported_and_does_nothing_late_when_it_thaws(moving: Site) -> None:
     nodes, pid = moving.nodes, moving.nodes.robot.process.pid
     assert pid is not None
     os.kill(pid, signal.SIGSTOP)
     try:
         wait_for(lambda: "silent" in (moving.get("/state")["message"] or ""))
-        late = nodes.order(SetGait(GaitCommand(0, "pedal")))
+        late = nodes.send_now(SetGait(GaitCommand(0, "pedal")))
         time.sleep(0.4)
     finally:
         thawed_ns = time.monotonic_ns()
@@ -165,9 +165,9 @@ def test_a_frozen_robot_is_told_and_does_nothing_late_when_it_thaws(moving: Site
 def test_an_estop_latches_at_once_under_a_flood_of_commands(moving: Site) -> None:
     nodes = moving.nodes
     for k in range(2000):
-        last = nodes.order(SetGait(GaitCommand(0, "serpentine", parameters={"alpha_pi": 0.3 + 0.0001 * (k % 100)})))
+        last = nodes.send_now(SetGait(GaitCommand(0, "serpentine", parameters={"alpha_pi": 0.3 + 0.0001 * (k % 100)})))
         if k == 1000:
-            stop = nodes.order(EStop("under flood"))
+            stop = nodes.send_now(EStop("under flood"))
     wait_for(lambda: nodes.answered(stop) is None)
     wait_for(lambda: any(state.estop_reason is not None for state in nodes.states))
     latched = next(state for state in list(nodes.states) if state.estop_reason is not None)
@@ -177,14 +177,14 @@ def test_an_estop_latches_at_once_under_a_flood_of_commands(moving: Site) -> Non
     nodes.assert_held(latched.stamp_ns - HOLD_NS)
     nodes.answered(last)
     assert moving.post("/gait/start").status_code == 409
-    assert nodes.answered(nodes.order(Start())) is not None
-    assert nodes.answered(nodes.order(Drive(1.0, begins=True))) is not None
-    nodes.assert_still()
-    assert nodes.answered(nodes.order(ResetEStop())) is None
-    nodes.assert_still()
+    assert nodes.answered(nodes.send_now(Start())) is not None
+    assert nodes.answered(nodes.send_now(Drive(1.0, begins=True))) is not None
+    nodes.assert_stationary()
+    assert nodes.answered(nodes.send_now(ResetEStop())) is None
+    nodes.assert_stationary()
 
 
-def test_a_hand_that_falls_silent_leaves_a_held_robot(site: Site) -> None:
+def test_a_deadman_input_that_falls_silent_leaves_a_held_robot(site: Site) -> None:
     """As with a key-up that is lost, or a network that is cut behind the server."""
     nodes = site.nodes
     wait_for(site.running, START_S)
@@ -193,8 +193,8 @@ def test_a_hand_that_falls_silent_leaves_a_held_robot(site: Site) -> None:
     nodes.assert_held(silent_ns)
     assert not nodes.states[-1].moving
     assert nodes.states[-1].held_because == INPUT_SILENT
-    assert nodes.answered(nodes.order(Drive(1.0, 0.5))) == RELEASE_FIRST
-    nodes.assert_still()
+    assert nodes.answered(nodes.send_now(Drive(1.0, 0.5))) == RELEASE_FIRST
+    nodes.assert_stationary()
     nodes.wait_moving(Drive(1.0, 0.5))
     site.moving()
     site.post("/gait/stop")
@@ -214,11 +214,11 @@ def test_what_must_not_be_obeyed_changes_nothing(moving: Site) -> None:
         ("not a finite number", Drive(float("nan")), None),
         ("old", Drive(-1.0), now_ns - STALE_NS),
     ):
-        assert word in (nodes.answered(nodes.order(command, stamp_ns)) or "")
-    first = nodes.sender.order(other, now_ns)
-    nodes.answered(nodes.order(SetGait(GaitCommand(0, "serpentine"))))
+        assert word in (nodes.answered(nodes.send_now(command, stamp_ns)) or "")
+    first = nodes.sender.stamped(other, now_ns)
+    nodes.answered(nodes.send_now(SetGait(GaitCommand(0, "serpentine"))))
     nodes.send(first)
-    nodes.answered(nodes.order(ResetEStop()))
+    nodes.answered(nodes.send_now(ResetEStop()))
     assert "later command" in (nodes.answered(first) or "")
     state = nodes.states[-1]
     assert state.gait is not None
@@ -229,7 +229,7 @@ def test_what_must_not_be_obeyed_changes_nothing(moving: Site) -> None:
 def test_what_can_only_stop_is_obeyed_however_late(moving: Site, command: RobotCommand) -> None:
     nodes = moving.nodes
     for stamp_ns in (0, time.monotonic_ns() - 10**10, time.monotonic_ns() + 10**11):
-        assert nodes.answered(nodes.order(command, stamp_ns)) is None
+        assert nodes.answered(nodes.send_now(command, stamp_ns)) is None
         assert not nodes.states[-1].moving
         assert (nodes.states[-1].estop_reason is not None) == isinstance(command, EStop)
         # The server keeps an E-stop latched of which it has heard, whoever pressed it.
@@ -243,10 +243,10 @@ def test_every_target_keeps_within_the_limits_of_the_joints(moving: Site) -> Non
     limits = PRESETS["orthogonal24"].limits
     since_ns = time.monotonic_ns()
     for name in ("sidewinding", "arc_rolling", "pedal", "serpentine"):
-        nodes.answered(nodes.order(SetGait(GaitCommand(0, name, parameters={"period_s": 2.0}))))
+        nodes.answered(nodes.send_now(SetGait(GaitCommand(0, name, parameters={"period_s": 2.0}))))
         nodes.wait_moving()
-    nodes.answered(nodes.order(EStop("limits")))
-    nodes.wait_still()
+    nodes.answered(nodes.send_now(EStop("limits")))
+    nodes.wait_stationary()
     with nodes.lock:
         q = np.array([angles for stamp, angles in nodes.steps if stamp >= since_ns])
     rates = np.diff(q, axis=0) / 0.01
@@ -257,8 +257,8 @@ def test_every_target_keeps_within_the_limits_of_the_joints(moving: Site) -> Non
 
 def test_a_hold_brakes_every_joint_as_fast_as_it_can(moving: Site) -> None:
     nodes = moving.nodes
-    nodes.answered(nodes.order(EStop("brake")))
-    nodes.wait_still()
+    nodes.answered(nodes.send_now(EStop("brake")))
+    nodes.wait_stationary()
     latched_ns = next(state.stamp_ns for state in nodes.states if state.estop_reason == "brake")
     rates = [step / 0.01 for _, step in nodes.rates(latched_ns)]
     taken_off = PRESETS["orthogonal24"].limits.acceleration_rad_s2 * 0.01
@@ -270,16 +270,16 @@ def test_a_hold_brakes_every_joint_as_fast_as_it_can(moving: Site) -> None:
 def test_a_message_that_is_none_is_dropped(moving: Site) -> None:
     nodes = moving.nodes
     count = len(nodes.states)
-    unknown = encode(nodes.sender.order(Stop(), 0)).replace(b"Stop", b"Expl")
+    unknown = encode(nodes.sender.stamped(Stop(), 0)).replace(b"Stop", b"Expl")
     for data in (b"", b"nonsense", b"\xc1" * 100, b"\x93\x01\x02\x03", unknown):
-        nodes.bus._session.put("snakeslam/robot/orders", data)
+        nodes.bus._session.put("snakeslam/robot/commands", data)
         nodes.bus._session.put("snakeslam/robot/estop", data)
     wait_for(lambda: len(nodes.states) > count + 20)
     assert nodes.states[-1].moving
     assert nodes.states[-1].estop_reason is None
 
 
-def test_the_health_check_tells_who_is_silent(nodes: Nodes, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_health_check_names_the_silent_node(nodes: Nodes, capsys: pytest.CaptureFixture[str]) -> None:
     wait_for(lambda: nodes.slam_states)
     assert cli(["node", "check", "--connect", nodes.endpoint]) == 0
     assert "alive" in capsys.readouterr().out

@@ -34,7 +34,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
     nodes.close()
 
 
-def test_a_new_map_is_told_as_long_as_nothing_ties_it_to_the_old_one(site: Site) -> None:
+def test_a_new_map_is_reported_as_long_as_nothing_ties_it_to_the_old_one(site: Site) -> None:
     site.moving()
     nodes = site.nodes
 

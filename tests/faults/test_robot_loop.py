@@ -12,9 +12,9 @@ import pytest
 
 from snakeslam.runtime.bus.bus import Bus
 from snakeslam.runtime.bus.commands import EStop, ResetEStop, Start, Stop
-from snakeslam.runtime.bus.orders import Sender
-from snakeslam.runtime.bus.topics import ESTOP, SERVER_BEAT
-from snakeslam.runtime.bus.wire import Beat
+from snakeslam.runtime.bus.sender import Sender
+from snakeslam.runtime.bus.topics import ESTOP, SERVER_HEARTBEAT
+from snakeslam.runtime.bus.wire import Heartbeat
 from snakeslam.runtime.robot.safety import SERVER
 from snakeslam.runtime.robot.target_guard import NOT_FINITE
 from tests.faults.failing_robot import failing_control, failing_robot
@@ -28,25 +28,25 @@ class Operator:
 
     def __init__(self, nodes: Nodes) -> None:
         self.nodes, self._over = nodes, threading.Event()
-        self._thread = threading.Thread(target=self._beat_on, daemon=True)
+        self._thread = threading.Thread(target=self._send_heartbeats, daemon=True)
         self._thread.start()
 
     def start(self) -> None:
         """Have the robot move."""
         nodes = self.nodes
         wait_for(lambda: nodes.slam_states and nodes.slam_states[-1].T_WI is not None)
-        wait_for(lambda: nodes.answered(nodes.order(Start())) is None)
+        wait_for(lambda: nodes.answered(nodes.send_now(Start())) is None)
         nodes.wait_moving()
 
     def close(self) -> None:
         self._over.set()
         self._thread.join()
 
-    def _beat_on(self) -> None:
+    def _send_heartbeats(self) -> None:
         while not self._over.wait(0.05):
             now_ns = self.nodes.clock.now_ns()
             if now_ns is not None:
-                self.nodes.bus.publish(SERVER_BEAT, Beat(SERVER, now_ns))
+                self.nodes.bus.publish(SERVER_HEARTBEAT, Heartbeat(SERVER, now_ns))
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +58,7 @@ def operator(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Operator]:
 
 
 def reset(nodes: Nodes) -> None:
-    wait_for(lambda: nodes.answered(nodes.order(ResetEStop())) is None)
+    wait_for(lambda: nodes.answered(nodes.send_now(ResetEStop())) is None)
     wait_for(lambda: nodes.states[-1].estop_reason is None)
 
 
@@ -71,24 +71,24 @@ def test_estops_at_the_same_moment_latch_and_the_node_lives(operator: Operator) 
         for k in range(ROUNDS):
             os.kill(pid, signal.SIGSTOP)
             try:
-                first = nodes.order(EStop(f"first {k}"))
-                other.publish(ESTOP, second.order(EStop(f"second {k}"), 0))
+                first = nodes.send_now(EStop(f"first {k}"))
+                other.publish(ESTOP, second.stamped(EStop(f"second {k}"), 0))
                 time.sleep(0.1)
             finally:
                 os.kill(pid, signal.SIGCONT)
             assert nodes.answered(first) is None
             wait_for(lambda: nodes.states[-1].estop_reason is not None)
-            nodes.assert_still(0.05)
+            nodes.assert_stationary(0.05)
             reset(nodes)
     assert nodes.robot.process.is_alive()
 
 
 def test_what_is_no_estop_on_the_estops_topic_is_dropped(operator: Operator) -> None:
     nodes = operator.nodes
-    nodes.bus.publish(ESTOP, nodes.sender.order(Start(), nodes.clock.now_ns() or 0))
-    stop = nodes.order(Stop())
+    nodes.bus.publish(ESTOP, nodes.sender.stamped(Start(), nodes.clock.now_ns() or 0))
+    stop = nodes.send_now(Stop())
     assert nodes.answered(stop) is None
-    nodes.assert_still()
+    nodes.assert_stationary()
     assert nodes.states[-1].estop_reason is None
 
 

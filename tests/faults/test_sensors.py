@@ -57,7 +57,7 @@ def start(client: httpx.Client) -> None:
     assert state(client)["moving"]
 
 
-def assert_told_and_held(client: httpx.Client) -> None:
+def assert_reported_and_held(client: httpx.Client) -> None:
     wait_for(lambda: not state(client)["moving"])
     wait_for(lambda: SILENT in " ".join(state(client)["health"]["reasons"]))
     now = state(client)
@@ -69,7 +69,7 @@ def assert_told_and_held(client: httpx.Client) -> None:
     assert SILENT in refused.json()["detail"]
 
 
-def test_a_camera_that_is_killed_again_and_again_is_told_each_time_and_comes_back(
+def test_a_camera_that_is_killed_repeatedly_is_reported_each_time_and_started_again(
     server: Running, client: httpx.Client
 ) -> None:
     start(client)
@@ -77,21 +77,21 @@ def test_a_camera_that_is_killed_again_and_again_is_told_each_time_and_comes_bac
     for kill in range(KILLS):
         os.kill(pid, signal.SIGKILL)
         if kill == 0:
-            assert_told_and_held(client)
+            assert_reported_and_held(client)
         pid = camera_pid(server, other_than=pid)
-    assert_told_and_held(client)
+    assert_reported_and_held(client)
     wait_for(lambda: state(client)["health"]["verdict"] in ("good", "degraded"), START_S)
     start(client)
 
 
-def test_a_frozen_camera_is_told_and_holds_the_robot_until_somebody_starts_it(
+def test_a_frozen_camera_is_reported_and_holds_the_robot_until_somebody_starts_it(
     server: Running, client: httpx.Client
 ) -> None:
     start(client)
     pid = camera_pid(server)
     os.kill(pid, signal.SIGSTOP)
     try:
-        assert_told_and_held(client)
+        assert_reported_and_held(client)
     finally:
         os.kill(pid, signal.SIGCONT)
     wait_for(lambda: state(client)["health"]["verdict"] in ("good", "degraded"), START_S)

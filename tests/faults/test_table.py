@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 CHECKOUT = Path(__file__).resolve().parents[2]
-PLACES = ("faults", "server", "runtime")
+DIRECTORIES = ("faults", "server", "runtime")
 HEADS = ("| what | rule | test", "| claim | test |")
 
 
@@ -19,7 +19,7 @@ def rows(head: str) -> list[str]:
 
 
 def existing_tests() -> set[str]:
-    files = [path for place in PLACES for path in (CHECKOUT / "tests" / place).glob("test_*.py")]
+    files = [path for directory in DIRECTORIES for path in (CHECKOUT / "tests" / directory).glob("test_*.py")]
     return {name for path in files for name in re.findall(r"^def (test_\w+)\(", path.read_text("utf-8"), re.MULTILINE)}
 
 

@@ -141,7 +141,7 @@ def test_the_live_view_plays_it_with_its_robot_which_nothing_moves(tmp_path: Pat
     assert isinstance(started, Started)
     assert started.robot is not None
     assert (started.robot.model, started.gait, started.estimator_mode) == ("orthogonal24", None, "fused")
-    session.take(Start())
+    session.on_command(Start())
     while not any(isinstance(report, Ended) for report in reports):
         session.step()
     tick = next(report for report in reversed(reports) if isinstance(report, Tick))

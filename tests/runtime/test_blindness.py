@@ -56,7 +56,7 @@ def test_a_start_and_a_back_up_give_time() -> None:
     assert too_long(blindness, 16.1)
 
 
-def test_a_robot_that_is_certain_only_because_it_is_stationary_still_sees_nothing() -> None:
+def test_a_robot_that_is_certain_only_because_it_is_stationary_sees_nothing() -> None:
     blindness = watch()
     show(blindness, 0.0, 6.0, BLIND)
     blindness.hold()

@@ -14,8 +14,8 @@ import structlog
 from snakeslam.errors import InputError
 from snakeslam.runtime.bus.bus import Bus, BusError
 from snakeslam.runtime.bus.link import Certificates, Link, unix_endpoint
-from snakeslam.runtime.bus.topics import FRAMES, ROBOT_EVENTS, SERVER_BEAT, Event, Topic
-from snakeslam.runtime.bus.wire import Beat
+from snakeslam.runtime.bus.topics import FRAMES, ROBOT_EVENTS, SERVER_HEARTBEAT, Event, Topic
+from snakeslam.runtime.bus.wire import Heartbeat
 
 
 def wait_for(condition: Callable[[], object], timeout_s: float = 15.0) -> None:
@@ -60,7 +60,7 @@ def test_nothing_of_a_lossless_topic_is_lost_and_its_order_stays(pair: tuple[Bus
     assert [event.t_ns for event in heard if event.t_ns >= 0] == list(range(2000))
 
 
-def test_nodes_that_connect_hear_each_other(pair: tuple[Bus, Bus], tmp_path: Path) -> None:
+def test_nodes_that_connect_receive_each_others_messages(pair: tuple[Bus, Bus], tmp_path: Path) -> None:
     third = Bus(Link(unix_endpoint(tmp_path)))
     try:
         assert until_heard(third, pair[1])
@@ -71,23 +71,23 @@ def test_nodes_that_connect_hear_each_other(pair: tuple[Bus, Bus], tmp_path: Pat
 def test_a_reader_that_sleeps_holds_nobody_up_and_has_the_newest(pair: tuple[Bus, Bus]) -> None:
     hub, node = pair
     until_heard(hub, node)
-    heard: list[Beat] = []
+    heard: list[Heartbeat] = []
     awake = threading.Event()
 
-    def take(beat: Beat) -> None:
-        heard.append(beat)
+    def on_heartbeat(heartbeat: Heartbeat) -> None:
+        heard.append(heartbeat)
         awake.wait(30.0)
 
-    node.subscribe(SERVER_BEAT, take)
-    wait_for(lambda: hub.publish(SERVER_BEAT, Beat("x", -1)) or heard)
+    node.subscribe(SERVER_HEARTBEAT, on_heartbeat)
+    wait_for(lambda: hub.publish(SERVER_HEARTBEAT, Heartbeat("x", -1)) or heard)
     for k in range(500):
-        hub.publish(SERVER_BEAT, Beat("x" * 1000, k))
+        hub.publish(SERVER_HEARTBEAT, Heartbeat("x" * 1000, k))
     assert len(heard) == 1, "publishing has waited for the reader"
     awake.set()
     wait_for(lambda: heard[-1].stamp_ns == 499)
 
 
-def test_nonsense_is_dropped_and_logged_once_and_a_subscriber_that_fails_hears_the_next(
+def test_nonsense_is_dropped_and_logged_once_and_a_subscriber_that_fails_gets_the_next_message(
     pair: tuple[Bus, Bus], capsys: pytest.CaptureFixture[str]
 ) -> None:
     hub, node = pair
@@ -109,8 +109,8 @@ def test_nonsense_is_dropped_and_logged_once_and_a_subscriber_that_fails_hears_t
     finally:
         structlog.reset_defaults()
     lines = capsys.readouterr().out.splitlines()
-    assert len([line for line in lines if '"dropped"' in line]) == 1
-    assert len([line for line in lines if '"not handled"' in line]) == 1
+    assert len([line for line in lines if '"message dropped"' in line]) == 1
+    assert len([line for line in lines if '"message not handled"' in line]) == 1
 
 
 def test_a_message_that_cannot_be_sent_does_not_end_its_topic(pair: tuple[Bus, Bus]) -> None:
@@ -121,7 +121,7 @@ def test_a_message_that_cannot_be_sent_does_not_end_its_topic(pair: tuple[Bus, B
     wait_for(lambda: heard[-1].t_ns == 2)
 
 
-def test_a_hub_that_comes_back_is_found_again(tmp_path: Path) -> None:
+def test_the_link_to_a_hub_that_comes_back_is_opened_again(tmp_path: Path) -> None:
     endpoint = unix_endpoint(tmp_path)
     hub = Bus(Link(endpoint, listens=True))
     node = Bus(Link(endpoint))
@@ -137,9 +137,9 @@ def test_a_hub_that_comes_back_is_found_again(tmp_path: Path) -> None:
 
 
 def test_nobody_there_is_an_error_in_time(tmp_path: Path) -> None:
-    with pytest.raises(BusError, match="nobody answers"):
+    with pytest.raises(BusError, match="no node answers"):
         Bus(Link(unix_endpoint(tmp_path)), timeout_s=0.2)
-    with pytest.raises(BusError, match="nobody answers"):
+    with pytest.raises(BusError, match="no node answers"):
         Bus(Link(unix_endpoint(tmp_path)), wanted=lambda: False)
 
 

@@ -27,7 +27,7 @@ from snakeslam.messages import (
 from snakeslam.robot.model import RobotSettings
 from snakeslam.runtime.bus.codec import WireError, decode, encode
 from snakeslam.runtime.bus.commands import BackUp, Drive, EStop, ResetEStop, RobotCommand, SetGait, SetHead, Start, Stop
-from snakeslam.runtime.bus.orders import Sender
+from snakeslam.runtime.bus.sender import Sender
 from snakeslam.runtime.bus.shapes import SHAPES, hello_sizes, robot_sizes
 from snakeslam.runtime.bus.topics import (
     TOPICS,
@@ -36,20 +36,20 @@ from snakeslam.runtime.bus.topics import (
     Features,
     Governed,
     HeadMotion,
+    JpegImage,
     Phase,
-    Picture,
     Refusal,
     RobotState,
     SlamState,
 )
-from snakeslam.runtime.bus.wire import Beat, Estimate, Exposure, Hello, Order, Sensors
+from snakeslam.runtime.bus.wire import Estimate, Exposure, Heartbeat, Hello, Sensors, SentCommand
 from tests.server.still_robot import StillRobot
 
 Q = np.linspace(-1.0, 1.0, 24)
 POSE = PoseEstimate(5, np.eye(4), np.arange(3.0), np.eye(9), Health(Verdict.GOOD, ("a reason",), 7))
 GRAY = np.arange(12, dtype=np.uint8).reshape(3, 4)
 EXAMPLES: dict[type, Any] = {
-    Order: Order("me", 3, 4, SetGait(GaitCommand(0, "pedal", turn=0.5))),
+    SentCommand: SentCommand("me", 3, 4, SetGait(GaitCommand(0, "pedal", turn=0.5))),
     Hello: Hello("boot", 1, 2, StillRobot().rig, RobotSettings(model="orthogonal24"), 9, True, POSE),
     Sensors: Sensors(
         "boot", 1, 2, (ImuSample(1, np.arange(3.0), np.ones(3)),), JointState(2, Q, Q, Q, Q * np.nan),
@@ -63,12 +63,12 @@ EXAMPLES: dict[type, Any] = {
     Event: Event(1, "info", "words"),
     Exposure: Exposure("boot", CameraExposure(1, 2, np.tile(np.eye(4), (3, 1, 1)), np.eye(4), np.zeros(3))),
     CameraFrame: CameraFrame(1, 2, GRAY, None, GRAY.astype(np.float32), 5),
-    Beat: Beat("me", 1, None),
+    Heartbeat: Heartbeat("me", 1, None),
     Estimate: Estimate("boot", 4, Health(Verdict.DEGRADED, ("a reason",), 7, 3.5), POSE),
     SlamState: SlamState(
         "boot", "vio", POSE.health, 20.0, np.eye(4), None, None, HeadMotion(yaw_deg=1.0), None, 0.5, 100
     ),
-    Picture: Picture(1, 2, 4, 3, b"jpeg"),
+    JpegImage: JpegImage(1, 2, 4, 3, b"jpeg"),
     Features: Features(1, 2, ((1.5, 2.5, 1, 7),), None),
     MapChunk: MapChunk(1, 2, np.eye(4), np.ones((5, 3), np.float32), np.zeros((5, 3), np.uint8)),
 }  # fmt: skip
@@ -108,7 +108,7 @@ COMMANDS: list[RobotCommand] = [
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_command_is_the_same_after_the_bus(command: RobotCommand) -> None:
-    assert decode(Order, encode(Sender().order(command, 5))).command == command
+    assert decode(SentCommand, encode(Sender().stamped(command, 5))).command == command
 
 
 def test_every_command_of_the_union_is_tested() -> None:
@@ -117,7 +117,7 @@ def test_every_command_of_the_union_is_tested() -> None:
 
 def test_numbers_of_orders_go_up() -> None:
     sender = Sender()
-    assert [sender.order(Start(), 0).number for _ in range(3)] == [1, 2, 3]
+    assert [sender.stamped(Start(), 0).number for _ in range(3)] == [1, 2, 3]
 
 
 @pytest.mark.parametrize(
@@ -135,7 +135,7 @@ def test_numbers_of_orders_go_up() -> None:
 def test_an_order_without_a_command_is_refused(command: Any) -> None:
     message = {"sender": "me", "number": 1, "stamp_ns": 0, "command": command}
     with pytest.raises(WireError):
-        decode(Order, msgspec.msgpack.encode(message))
+        decode(SentCommand, msgspec.msgpack.encode(message))
 
 
 @given(st.binary(max_size=64))
@@ -212,8 +212,8 @@ def changed(message: Any, path: str, value: Any) -> Any:
         (MapChunk, "points_K", np.full((5, 3), np.nan, np.float32)),
         (MapChunk, "key", 1 << 63),
         (SlamState, "T_WI", np.eye(3)),
-        (Beat, "stamp_ns", 1 << 63),
-        (Order, "number", 1 << 63),
+        (Heartbeat, "stamp_ns", 1 << 63),
+        (SentCommand, "number", 1 << 63),
     ],
 )
 def test_a_message_with_a_wrong_shape_or_number_is_dropped(kind: type, path: str, value: Any) -> None:

@@ -194,7 +194,7 @@ def test_opencv_is_made_deterministic() -> None:
     assert cv2.getNumThreads() == 1
 
 
-def build_still(config: Config) -> tuple[Loop, SpyControl, StillRobot]:
+def build_stationary(config: Config) -> tuple[Loop, SpyControl, StillRobot]:
     backend, control = StillRobot(frame_every=10**9), SpyControl(config)
     return build_loop(config, backend, Recorder(), slam=False, control=control, autostart=True), control, backend
 
@@ -209,7 +209,7 @@ def test_safety_passes_the_targets_of_a_scripted_run_bit_for_bit(gait: str, head
             "head": CONFIG.head.model_copy(update={"controller": head}),
         }
     )
-    loop, control, backend = build_still(config)
+    loop, control, backend = build_stationary(config)
     run_loop(loop, 10_000_000_000, lambda _: None)
     wanted, sent = (np.array([target.q_rad for target in targets]) for targets in (control.targets, backend.targets))
     assert np.ptp(wanted, axis=0).max() > 0.1
@@ -217,7 +217,7 @@ def test_safety_passes_the_targets_of_a_scripted_run_bit_for_bit(gait: str, head
 
 
 def test_a_scripted_run_that_safety_holds_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    loop, _, backend = build_still(CONFIG)
+    loop, _, backend = build_stationary(CONFIG)
     run_loop(loop, 1_000_000_000, lambda _: None)
     monkeypatch.setattr(Control, "step", lambda *_: JointTarget(0, np.full(N, np.nan)))
     with pytest.raises(BackendError, match=NOT_FINITE):

@@ -39,7 +39,7 @@ def words(items: list) -> list[tuple[str, int]]:
     return [(type(item).__name__, item.t_ns // MS) for item in items]
 
 
-def test_a_picture_comes_after_the_samples_up_to_its_middle_and_before_those_after() -> None:
+def test_a_frame_follows_the_samples_up_to_its_stamp_and_precedes_the_later_ones() -> None:
     merge = Merge()
     for k in range(3):
         assert merge.add_sensors(period(k)) == []
@@ -50,7 +50,7 @@ def test_a_picture_comes_after_the_samples_up_to_its_middle_and_before_those_aft
     assert words(merge.add_frame(frame(20)))[0] == ("ImuSample", 20)
 
 
-def test_a_picture_waits_for_its_samples() -> None:
+def test_a_frame_waits_for_its_samples() -> None:
     merge = Merge()
     merge.add_sensors(period(0))
     assert not merge.ready(frame(15))
@@ -58,7 +58,7 @@ def test_a_picture_waits_for_its_samples() -> None:
     assert merge.ready(frame(15))
 
 
-def test_samples_do_not_wait_for_ever_and_a_picture_later_still_is_dropped() -> None:
+def test_samples_do_not_wait_for_ever_and_a_frame_that_is_later_is_dropped() -> None:
     merge, given = Merge(), []
     for k in range(LONGEST_WAIT_NS // (10 * MS) + 10):
         given += merge.add_sensors(period(k))
@@ -87,7 +87,7 @@ def update(estimate: PoseEstimate | None) -> SlamUpdate:
     return SlamUpdate(1, 1, estimate, Health(Verdict.GOOD), np.zeros((0, 2)), none, none, (chunk,))
 
 
-def test_a_slam_that_begins_anew_goes_on_in_the_old_world() -> None:
+def test_a_slam_that_is_started_again_continues_in_the_old_world() -> None:
     last = pose(0.5, [3.0, 1.0, 0.1], tilt_rad=0.2)
     continuation = WorldContinuation(last, first_key=700)
     assert continuation.moved(update(None)).chunks == ()
@@ -109,7 +109,7 @@ def test_without_one_before_nothing_is_moved() -> None:
     assert WorldContinuation(None, 50).moved(plain) is plain
 
 
-def test_the_robots_clock_is_read_behind_by_the_fastest_way_and_never_ahead() -> None:
+def test_the_robots_clock_is_read_behind_by_the_least_delay_and_never_ahead() -> None:
     rng, now_ns = np.random.default_rng(1), 0
     clock = RobotClock(lambda: now_ns)
     assert clock.now_ns() is None

@@ -19,8 +19,8 @@ def share():
         return "none"
     return said[-1] if said else "none"  # empty where groups are switched off
 def say(allowed):
-    turn = os.sched_getscheduler(0), os.sched_getparam(0).sched_priority
-    print(allowed, *turn, os.getpriority(os.PRIO_PROCESS, 0), share(), os.getsid(0) == os.getpid())
+    policy = os.sched_getscheduler(0), os.sched_getparam(0).sched_priority
+    print(allowed, *policy, os.getpriority(os.PRIO_PROCESS, 0), share(), os.getsid(0) == os.getpid())
 say(priority.set_control_priority())
 say(priority.set_server_priority())
 say(priority.set_own_share())
@@ -28,12 +28,12 @@ say(priority.set_own_share(priority.SLAM_NICE))
 say(priority.set_lowest_priority())
 """
 BECOME_NOBODY = "resource.setrlimit(resource.RLIMIT_RTPRIO, (0, 0)); os.setuid(65534)"
-KNOW_NO_TURNS = """
+WITHOUT_ROUND_ROBIN = """
 def refuse(pid, policy, param):
     raise OSError(errno.EINVAL, os.strerror(errno.EINVAL))
 os.sched_setscheduler = refuse
 """
-OTHER, TURNS = str(os.SCHED_OTHER), str(os.SCHED_RR)
+OTHER, ROUND_ROBIN = str(os.SCHED_OTHER), str(os.SCHED_RR)
 
 
 def ask(before: str = "") -> tuple[list[list[str]], str]:
@@ -46,7 +46,7 @@ def ask(before: str = "") -> tuple[list[list[str]], str]:
 
 
 @pytest.mark.skipif(os.geteuid() != 0, reason="only root can become another user")
-def test_a_user_without_the_limit_is_told() -> None:
+def test_a_user_without_the_limit_gets_a_log_line() -> None:
     (first, second, apart, slam, last), logged = ask(BECOME_NOBODY)
     assert first[:4] == second[:4] == ["False", OTHER, "0", "0"]
     assert apart[1:4] == slam[1:4] == [OTHER, "0", "0"]
@@ -55,8 +55,8 @@ def test_a_user_without_the_limit_is_told() -> None:
     assert "docs/live.md" in logged
 
 
-def test_a_kernel_that_knows_no_turns_is_no_reason_to_stop() -> None:
-    (first, second, apart, slam, last), logged = ask(KNOW_NO_TURNS)
+def test_a_kernel_without_round_robin_is_no_reason_to_stop() -> None:
+    (first, second, apart, slam, last), logged = ask(WITHOUT_ROUND_ROBIN)
     assert first[:4] == second[:4] == ["False", OTHER, "0", "0"]
     assert (apart[1], slam[1], last[3]) == (OTHER, OTHER, "10")
     assert "docs/live.md" in logged
@@ -66,8 +66,8 @@ def test_control_then_the_server_then_shares_then_runs() -> None:
     (first, second, apart, slam, last), logged = ask()
     assert (first[0] == "False") == ("no priority" in logged)
     if first[0] == "True":
-        assert first[1:4] == [TURNS, "10", "0"]
-        assert second[:4] == ["True", TURNS, "5", "0"]
+        assert first[1:4] == [ROUND_ROBIN, "10", "0"]
+        assert second[:4] == ["True", ROUND_ROBIN, "5", "0"]
     assert apart[1:4] == [OTHER, "0", "0"]
     assert last[1:4] == [OTHER, "0", "10"]
     shares = (apart[4], slam[4], last[4])

@@ -1,4 +1,4 @@
-"""The robot's loop with its commands: what reaches the servos, without a bus."""
+"""The robot controller with its commands: what reaches the servos, without a bus."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ from snakeslam.messages import GaitCommand, HeadCommand, Health, JointTarget, Ve
 from snakeslam.robot.model import RobotSettings
 from snakeslam.runtime.assembly.build import build_control
 from snakeslam.runtime.bus.commands import Drive, EStop, ResetEStop, RobotCommand, SetGait, SetHead, Start, Stop
-from snakeslam.runtime.bus.orders import Sender
+from snakeslam.runtime.bus.sender import Sender
 from snakeslam.runtime.bus.topics import Event, Phase, Tick
 from snakeslam.runtime.bus.wire import Estimate
 from snakeslam.runtime.robot.controller import RobotController
@@ -25,7 +25,7 @@ STEP_NS = 10_000_000
 
 
 class Bench:
-    """A robot in this process that needs nobody, and all that it said."""
+    """A robot controller in this process that requires no other process, and its events."""
 
     def __init__(self, config: Config = CONFIG, required: dict[str, str] | None = None, **options: Any) -> None:
         self.robot = StillRobot(frame_every=100)
@@ -36,8 +36,8 @@ class Bench:
         self.sender = Sender()
         self.now_ns = 0
 
-    def take(self, command: RobotCommand) -> str | None:
-        return self.node.on_order(self.sender.order(command, self.now_ns), self.now_ns)
+    def command(self, command: RobotCommand) -> str | None:
+        return self.node.on_command(self.sender.stamped(command, self.now_ns), self.now_ns)
 
     def steps(self, count: int) -> np.ndarray:
         """Advance; return the targets that reached the robot."""
@@ -52,11 +52,11 @@ class Bench:
         return compose.tick(self.node.state(self.now_ns), None, self.sender.name)
 
 
-def test_nothing_moves_before_it_is_told_to() -> None:
+def test_nothing_moves_before_a_start() -> None:
     bench = Bench()
-    still = bench.steps(100)
-    assert np.ptp(still[50:], axis=0).max() == 0.0
-    bench.take(Start())
+    stationary = bench.steps(100)
+    assert np.ptp(stationary[50:], axis=0).max() == 0.0
+    bench.command(Start())
     assert bench.tick.moving
     moving = bench.steps(300)
     assert np.ptp(moving, axis=0).max() > 0.1
@@ -72,12 +72,12 @@ def test_autostart_waits_for_the_rest() -> None:
 
 def test_the_estop_holds_within_one_control_step() -> None:
     bench = Bench()
-    bench.take(Start())
+    bench.command(Start())
     q = bench.steps(400)
     limits = bench.robot.model.limits
     speed = np.abs(q[-1] - q[-2]) / 0.01
     assert speed.max() > 0.1
-    bench.take(EStop("test"))
+    bench.command(EStop("test"))
     assert bench.tick.estop_reason == "test"
     assert not bench.tick.moving
     q = np.vstack([q[-1], bench.steps(100)])
@@ -88,14 +88,14 @@ def test_the_estop_holds_within_one_control_step() -> None:
 
 def test_only_a_start_moves_it_after_the_estop() -> None:
     bench = Bench()
-    bench.take(Start())
+    bench.command(Start())
     bench.steps(300)
-    bench.take(EStop("test"))
+    bench.command(EStop("test"))
     held = bench.steps(100)[-1]
     for command in (Start(), SetGait(GaitCommand(0, "sidewinding")), ResetEStop(), Stop()):
-        bench.take(command)
+        bench.command(command)
         assert np.array_equal(bench.steps(60), np.tile(held, (60, 1))), command
-    bench.take(Start())
+    bench.command(Start())
     q = np.vstack([held, bench.steps(400)])
     assert np.ptp(q, axis=0).max() > 0.05
     assert np.abs(np.diff(q, axis=0)).max() / 0.01 <= bench.robot.model.limits.rate_rad_s
@@ -106,20 +106,20 @@ def test_a_session_that_begins_latched_does_not_autostart() -> None:
     q = bench.steps(200)
     assert np.ptp(q, axis=0).max() == 0.0
     assert bench.tick.estop_reason == "from before"
-    bench.take(ResetEStop())
+    bench.command(ResetEStop())
     assert np.ptp(bench.steps(100), axis=0).max() == 0.0
 
 
 def test_every_command_is_counted_and_answered_at_once() -> None:
     bench = Bench()
     for number, command in enumerate((Start(), Stop(), EStop("x"), ResetEStop()), 1):
-        bench.take(command)
+        bench.command(command)
         assert bench.tick.commands_done == number
 
 
-def test_a_gait_set_at_rest_is_the_one_that_starts() -> None:
+def test_a_gait_that_is_set_while_stationary_is_the_one_that_starts() -> None:
     bench = Bench()
-    bench.take(SetGait(GaitCommand(0, "sidewinding", drive=1.0, parameters={"period_s": 5.0})))
+    bench.command(SetGait(GaitCommand(0, "sidewinding", drive=1.0, parameters={"period_s": 5.0})))
     assert np.ptp(bench.steps(100)[50:], axis=0).max() == 0.0
     assert bench.tick.gait is not None
     assert (bench.tick.gait.gait, bench.tick.gait.drive) == ("sidewinding", 0.0)
@@ -130,11 +130,11 @@ def events(bench: Bench) -> list[tuple[str, str]]:
     return [(event.level, event.text) for event in bench.events]
 
 
-def test_the_head_is_set_while_moving_and_told() -> None:
+def test_the_head_is_set_while_moving_and_reported() -> None:
     bench = Bench()
-    bench.take(Start())
+    bench.command(Start())
     bench.steps(200)
-    bench.take(SetHead(HeadCommand(0, "none", neck_joints=5)))
+    bench.command(SetHead(HeadCommand(0, "none", neck_joints=5)))
     assert bench.tick.head_settings == HeadSettings(controller="none", neck_joints=5)
     assert bench.tick.refusals == ()
     assert ("info", "neck of 5 yaw joints") in events(bench)
@@ -151,12 +151,12 @@ def test_the_head_is_set_while_moving_and_told() -> None:
         SetGait(GaitCommand(0, "serpentine", parameters={"alpha_pi": 0.7, "period_s": 0.5})),
     ],
 )
-def test_what_cannot_be_done_is_told_and_changes_nothing(command: SetHead | SetGait) -> None:
+def test_what_cannot_be_done_is_reported_and_changes_nothing(command: SetHead | SetGait) -> None:
     bench, untouched = Bench(), Bench()
     for one in (bench, untouched):
-        one.take(Start())
+        one.command(Start())
         one.steps(200)
-    bench.take(command)
+    bench.command(command)
     tick = bench.tick
     assert tick.commands_done == 2
     assert [refusal.number for refusal in tick.refusals] == [2]
@@ -165,17 +165,17 @@ def test_what_cannot_be_done_is_told_and_changes_nothing(command: SetHead | SetG
     assert np.array_equal(bench.steps(100), untouched.steps(100))
 
 
-def test_a_gait_that_barely_advances_is_told_and_its_period_is_the_window() -> None:
+def test_a_gait_that_barely_advances_has_a_notice_and_its_period_is_reported() -> None:
     bench = Bench()
     assert bench.tick.notice is None
     assert bench.node.state(0).period_s == pytest.approx(4.0)
-    bench.take(
+    bench.command(
         SetGait(GaitCommand(0, "serpentine", parameters={"alpha_pi": 0.7, "wavelength_joints": 20, "period_s": 8.0}))
     )
     assert bench.tick.notice is not None
     assert "11 %" in bench.tick.notice
     assert bench.node.state(0).period_s == pytest.approx(8.0)
-    bench.take(SetGait(GaitCommand(0, "pedal")))
+    bench.command(SetGait(GaitCommand(0, "pedal")))
     assert bench.tick.notice is None
 
 
@@ -183,19 +183,19 @@ def drive_for(bench: Bench, count: int, command: Drive) -> list[str | None]:
     """Repeat ``command`` ten times a second; return the answers."""
     answers: list[str | None] = []
     for _ in range(count):
-        answers.append(bench.take(command))
+        answers.append(bench.command(command))
         bench.steps(10)
     return answers
 
 
-def test_the_hand_drives_backwards_and_steers_for_as_long_as_it_goes_on() -> None:
+def test_a_deadman_input_drives_backwards_and_steers_for_as_long_as_it_is_renewed() -> None:
     bench = Bench()
     assert set(drive_for(bench, 20, Drive(-0.5, 0.4, begins=True))) == {None}
     assert bench.tick.moving
     assert bench.tick.gait is not None
     assert (bench.tick.gait.drive, bench.tick.gait.turn) == (-0.5, 0.4)
     assert np.ptp(bench.steps(10), axis=0).max() > 1e-3
-    assert bench.take(Drive(0.0)) is None
+    assert bench.command(Drive(0.0)) is None
     assert not bench.tick.moving
     assert (bench.tick.gait.drive, bench.tick.gait.turn) == (0.0, 0.0)
     assert [text for _, text in events(bench)] == ["start serpentine", "stop"]
@@ -203,10 +203,10 @@ def test_the_hand_drives_backwards_and_steers_for_as_long_as_it_goes_on() -> Non
     assert np.ptp(bench.steps(50), axis=0).max() < 1e-9
 
 
-def test_a_silent_hand_holds_the_robot_in_time_and_is_told() -> None:
+def test_a_silent_deadman_input_holds_the_robot_in_time_and_is_reported() -> None:
     bench = Bench()
     drive_for(bench, 5, Drive(1.0, 1.0, begins=True))
-    bench.take(Drive(1.0, 1.0))
+    bench.command(Drive(1.0, 1.0))
     bench.steps(DEADMAN_NS // STEP_NS)
     assert bench.tick.moving
     bench.steps(1)
@@ -216,18 +216,18 @@ def test_a_silent_hand_holds_the_robot_in_time_and_is_told() -> None:
     assert bench.tick.held_because == INPUT_SILENT
     assert ("error", f"held: {INPUT_SILENT}; start to move again") in events(bench)
     bench.steps(15)
-    assert np.ptp(bench.steps(20), axis=0).max() == 0.0, "at rest .45 s after the last word"
+    assert np.ptp(bench.steps(20), axis=0).max() == 0.0, "stationary 0.45 s after the last drive"
     assert set(drive_for(bench, 3, Drive(1.0))) == {RELEASE_FIRST}
-    assert np.ptp(bench.steps(20), axis=0).max() == 0.0, "a hand that was silent and did not let go moves it again"
-    bench.take(Drive(0.0))
-    assert bench.take(Drive(1.0)) is None
+    assert np.ptp(bench.steps(20), axis=0).max() == 0.0, "an input that was silent and not released moves it again"
+    bench.command(Drive(0.0))
+    assert bench.command(Drive(1.0)) is None
     assert (bench.tick.moving, bench.tick.held_because) == (True, None)
 
 
-def test_a_start_needs_no_hand_and_takes_over_from_one() -> None:
+def test_a_start_needs_no_deadman_input_and_replaces_one() -> None:
     bench = Bench()
-    bench.take(Drive(0.5, begins=True))
-    bench.take(Start())
+    bench.command(Drive(0.5, begins=True))
+    bench.command(Start())
     bench.steps(100)
     assert bench.tick.moving
     assert bench.tick.gait is not None
@@ -236,40 +236,40 @@ def test_a_start_needs_no_hand_and_takes_over_from_one() -> None:
 
 def test_a_gait_that_is_set_while_driving_keeps_the_drive() -> None:
     bench = Bench()
-    bench.take(Drive(-0.5, 0.2, begins=True))
-    bench.take(SetGait(GaitCommand(0, "serpentine", turn=0.1, parameters={"period_s": 5.0})))
+    bench.command(Drive(-0.5, 0.2, begins=True))
+    bench.command(SetGait(GaitCommand(0, "serpentine", turn=0.1, parameters={"period_s": 5.0})))
     assert bench.tick.gait is not None
     assert (bench.tick.gait.drive, bench.tick.gait.turn, bench.tick.gait.parameters["period_s"]) == (-0.5, 0.1, 5.0)
 
 
-def test_a_hand_that_was_on_the_drive_in_a_hold_must_let_go_first() -> None:
-    """Not only the E-stop: no input that was lost and is back again starts a robot by itself."""
+def test_a_drive_that_was_held_down_in_a_hold_must_be_released_first() -> None:
+    """No input that was lost and is back again starts a robot by itself, as after an E-stop."""
     bench = Bench(required={"slam": "slam is silent"})
-    beat = lambda: bench.node.safety.on_heartbeat("slam", bench.now_ns, bench.now_ns)  # noqa: E731
-    beat()
-    assert bench.take(Drive(1.0, begins=True)) is None
+    send_heartbeat = lambda: bench.node.safety.on_heartbeat("slam", bench.now_ns, bench.now_ns)  # noqa: E731
+    send_heartbeat()
+    assert bench.command(Drive(1.0, begins=True)) is None
     drive_for(bench, 6, Drive(1.0))
     assert bench.tick.held_because == "slam is silent"
     assert not bench.tick.moving
-    beat()
+    send_heartbeat()
     assert set(drive_for(bench, 3, Drive(1.0))) == {RELEASE_FIRST}
     assert np.ptp(bench.steps(20), axis=0).max() == 0.0
-    assert bench.take(Drive(0.0)) is None
+    assert bench.command(Drive(0.0)) is None
     assert bench.tick.held_because == "slam is silent"
-    beat()
-    assert bench.take(Drive(1.0)) is None
+    send_heartbeat()
+    assert bench.command(Drive(1.0)) is None
     assert (bench.tick.moving, bench.tick.held_because) == (True, None)
 
 
-def test_an_estop_refuses_the_hand_until_it_has_been_reset_and_let_go() -> None:
+def test_an_estop_refuses_the_drive_until_it_was_reset_and_the_drive_released() -> None:
     bench = Bench()
     drive_for(bench, 3, Drive(1.0, begins=True))
-    bench.take(EStop("x"))
+    bench.command(EStop("x"))
     assert None not in drive_for(bench, 3, Drive(1.0))
-    bench.take(ResetEStop())
+    bench.command(ResetEStop())
     assert drive_for(bench, 1, Drive(1.0)) == [RELEASE_FIRST]
-    bench.take(Drive(0.0))
-    assert bench.take(Drive(1.0)) is None
+    bench.command(Drive(0.0))
+    assert bench.command(Drive(1.0)) is None
     assert [text for _, text in events(bench)].count("E-stop: x") == 1
 
 
@@ -278,15 +278,15 @@ def test_an_estop_refuses_the_hand_until_it_has_been_reset_and_let_go() -> None:
 )
 def test_a_drive_beyond_its_range_moves_nothing(command: Drive) -> None:
     bench = Bench()
-    assert bench.take(command) is not None
+    assert bench.command(command) is not None
     assert not bench.tick.moving
 
 
-def test_a_drive_that_lets_go_is_obeyed_however_late_it_comes() -> None:
+def test_a_release_is_obeyed_however_late_it_arrives() -> None:
     bench = Bench()
     drive_for(bench, 5, Drive(1.0, begins=True))
     release = Drive(0.0)
-    assert bench.node.on_order(bench.sender.order(release, bench.now_ns - 10**9), bench.now_ns) is None
+    assert bench.node.on_command(bench.sender.stamped(release, bench.now_ns - 10**9), bench.now_ns) is None
     assert not bench.tick.moving
 
 
@@ -324,18 +324,18 @@ def assert_brakes_and_moves_again(bench: Bench, reason: str) -> None:
 
 def test_control_that_fails_leaves_a_held_robot_whose_servos_brake(monkeypatch: pytest.MonkeyPatch) -> None:
     bench = Bench()
-    bench.take(Start())
+    bench.command(Start())
     bench.steps(300)
     with monkeypatch.context() as broken:
         broken.setattr(bench.node._control, "step", breaks)
         assert_brakes_and_moves_again(bench, "control failed: FloatingPointError: no such angle")
-    assert bench.take(Start()) is None
+    assert bench.command(Start()) is None
     assert np.ptp(bench.steps(300), axis=0).max() > 0.1
 
 
 def test_a_target_of_the_wrong_size_is_a_hold(monkeypatch: pytest.MonkeyPatch) -> None:
     bench = Bench()
-    bench.take(Start())
+    bench.command(Start())
     bench.steps(300)
     monkeypatch.setattr(bench.node._control, "step", lambda *_: JointTarget(0, np.zeros(3)))
     assert_brakes_and_moves_again(bench, "control failed: ValueError")
@@ -343,11 +343,11 @@ def test_a_target_of_the_wrong_size_is_a_hold(monkeypatch: pytest.MonkeyPatch) -
 
 def test_a_command_that_fails_is_a_hold_and_its_answer_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     bench = Bench()
-    bench.take(Start())
+    bench.command(Start())
     bench.steps(300)
     with monkeypatch.context() as broken:
         broken.setattr(bench.node._control, "command_head", breaks)
-        refusal = bench.take(SetHead(HeadCommand(0, "none", neck_joints=5)))
+        refusal = bench.command(SetHead(HeadCommand(0, "none", neck_joints=5)))
     assert refusal == "it failed: FloatingPointError: no such angle"
     assert bench.tick.refusals[-1].reason == refusal
     assert_brakes_and_moves_again(bench, "the head failed")
@@ -355,11 +355,11 @@ def test_a_command_that_fails_is_a_hold_and_its_answer_says_so(monkeypatch: pyte
 
 def test_an_estop_is_latched_though_all_that_follows_it_fails(monkeypatch: pytest.MonkeyPatch) -> None:
     bench = Bench()
-    bench.take(Start())
+    bench.command(Start())
     bench.steps(300)
     monkeypatch.setattr(bench.node._control, "command", breaks)
     monkeypatch.setattr(bench.node, "_on_event", breaks)
-    bench.take(EStop("x"))
+    bench.command(EStop("x"))
     assert bench.tick.estop_reason == "x"
     assert (np.abs(np.diff(bench.steps(100), axis=0)) / 0.01)[20:].max() == 0.0
 
@@ -368,29 +368,29 @@ def test_a_press_from_before_this_node_was_started_moves_nothing() -> None:
     bench = Bench()
     assert set(drive_for(bench, 5, Drive(1.0))) == {RELEASE_FIRST}
     assert not bench.tick.moving
-    bench.take(Drive(0.0))
-    assert bench.take(Drive(1.0)) is None
+    bench.command(Drive(0.0))
+    assert bench.command(Drive(1.0)) is None
     assert bench.tick.moving
 
 
 def test_a_press_that_was_refused_does_not_begin_when_the_reason_has_gone() -> None:
     bench = Bench(required={"slam": "slam is silent"})
-    assert bench.take(Drive(1.0, begins=True)) == "slam is silent"
+    assert bench.command(Drive(1.0, begins=True)) == "slam is silent"
     bench.node.safety.on_heartbeat("slam", bench.now_ns, bench.now_ns)
-    assert bench.take(Drive(1.0)) == RELEASE_FIRST
-    assert bench.take(Drive(1.0, begins=True)) is None
+    assert bench.command(Drive(1.0)) == RELEASE_FIRST
+    assert bench.command(Drive(1.0, begins=True)) is None
 
 
-def test_a_stop_ends_the_press_and_another_hand_does_not_go_on_with_it() -> None:
+def test_a_stop_ends_the_press_and_another_input_does_not_continue_it() -> None:
     bench = Bench()
-    assert bench.take(Drive(1.0, deadman="a", begins=True)) is None
-    assert bench.take(Drive(1.0, deadman="b")) == RELEASE_FIRST
-    assert bench.take(Drive(1.0, deadman="a")) is None
-    bench.take(Stop())
-    assert bench.take(Drive(1.0, deadman="a")) == RELEASE_FIRST
-    assert bench.take(Drive(1.0, deadman="b", begins=True)) is None
-    bench.take(Drive(0.0, deadman="a"))
-    assert bench.take(Drive(1.0, deadman="b")) == RELEASE_FIRST, "a zero of any hand stops"
+    assert bench.command(Drive(1.0, deadman="a", begins=True)) is None
+    assert bench.command(Drive(1.0, deadman="b")) == RELEASE_FIRST
+    assert bench.command(Drive(1.0, deadman="a")) is None
+    bench.command(Stop())
+    assert bench.command(Drive(1.0, deadman="a")) == RELEASE_FIRST
+    assert bench.command(Drive(1.0, deadman="b", begins=True)) is None
+    bench.command(Drive(0.0, deadman="a"))
+    assert bench.command(Drive(1.0, deadman="b")) == RELEASE_FIRST, "a zero of any input stops"
 
 
 @pytest.mark.parametrize("frozen", [Start(), Drive(1.0, begins=True)])
@@ -400,13 +400,13 @@ def test_what_was_sent_before_a_freeze_or_a_hold_moves_nothing(frozen: RobotComm
     bench.node.safety.on_iteration(bench.now_ns)
     bench.now_ns += FROZEN_NS + 100 * STEP_NS
     bench.node.safety.on_iteration(bench.now_ns)
-    late = bench.sender.order(frozen, bench.now_ns - STEP_NS)
-    assert bench.node.on_order(late, bench.now_ns) == BEFORE_THE_HOLD
-    assert "old" in (bench.node.on_order(bench.sender.order(frozen, sent_ns), bench.now_ns) or "")
-    assert bench.take(frozen) is None
+    late = bench.sender.stamped(frozen, bench.now_ns - STEP_NS)
+    assert bench.node.on_command(late, bench.now_ns) == BEFORE_THE_HOLD
+    assert "old" in (bench.node.on_command(bench.sender.stamped(frozen, sent_ns), bench.now_ns) or "")
+    assert bench.command(frozen) is None
     bench.node.hold("a reason")
-    late = bench.sender.order(frozen, bench.now_ns - STEP_NS)
-    assert bench.node.on_order(late, bench.now_ns) == BEFORE_THE_HOLD
+    late = bench.sender.stamped(frozen, bench.now_ns - STEP_NS)
+    assert bench.node.on_command(late, bench.now_ns) == BEFORE_THE_HOLD
 
 
 def test_a_freeze_ends_the_press_before_the_orders_that_waited() -> None:
@@ -415,17 +415,17 @@ def test_a_freeze_ends_the_press_before_the_orders_that_waited() -> None:
     bench.node.safety.on_iteration(bench.now_ns)
     bench.now_ns += 2 * FROZEN_NS
     bench.node.safety.on_iteration(bench.now_ns)
-    assert bench.take(Drive(1.0)) == RELEASE_FIRST
+    assert bench.command(Drive(1.0)) == RELEASE_FIRST
     assert bench.tick.held_because == FROZEN
 
 
 def test_the_press_that_moves_the_robot_is_a_hold_when_it_is_refused() -> None:
-    """As when an input fell silent before the first drive that came after it: nobody's hand is on the drive then."""
+    """As when slam fell silent before the next drive arrived: without the hold the robot would go on undriven."""
     bench = Bench(required={"slam": "slam is silent"})
     bench.node.safety.on_heartbeat("slam", bench.now_ns, bench.now_ns)
-    assert bench.take(Drive(1.0, begins=True)) is None
+    assert bench.command(Drive(1.0, begins=True)) is None
     assert bench.tick.moving
     bench.now_ns += DEADMAN_NS + STEP_NS
-    assert bench.take(Drive(1.0)) == "slam is silent"
+    assert bench.command(Drive(1.0)) == "slam is silent"
     assert not bench.tick.moving
     assert bench.tick.held_because == "slam is silent"

@@ -8,8 +8,8 @@ from snakeslam.config import load_config
 from snakeslam.runtime.assembly.build import build_backend, build_control
 from snakeslam.runtime.bus.bus import Bus
 from snakeslam.runtime.bus.link import Link, unix_endpoint
-from snakeslam.runtime.bus.topics import CAMERA_READY, SLAM_BEAT
-from snakeslam.runtime.bus.wire import Beat, Hello
+from snakeslam.runtime.bus.topics import CAMERA_READY, SLAM_HEARTBEAT
+from snakeslam.runtime.bus.wire import Heartbeat, Hello
 from snakeslam.runtime.nodes.robot import RobotNode
 from snakeslam.runtime.robot.controller import RobotController
 
@@ -41,7 +41,7 @@ def test_simulated_time_begins_when_camera_and_slam_are_there(tmp_path):
         def begun():
             return backend.t_ns > 0
 
-        for ready in ((CAMERA_READY, Beat("camera", 0)), (SLAM_BEAT, Beat("slam", time.monotonic_ns()))):
+        for ready in ((CAMERA_READY, Heartbeat("camera", 0)), (SLAM_HEARTBEAT, Heartbeat("slam", time.monotonic_ns()))):
             for _ in range(30):
                 node.iterate()
             assert not begun()

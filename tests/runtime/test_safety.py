@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from snakeslam.messages import GaitCommand, HeadCommand, JointTarget
 from snakeslam.robot.limits import JointLimits
 from snakeslam.runtime.bus.commands import EStop, ResetEStop, RobotCommand, SetGait, SetHead, Start, Stop
-from snakeslam.runtime.bus.wire import Order
+from snakeslam.runtime.bus.wire import SentCommand
 from snakeslam.runtime.robot.admission import FUTURE_NS, NOT_FINITE
 from snakeslam.runtime.robot.deadman import DEADMAN_NS
 from snakeslam.runtime.robot.safety import FROZEN, FROZEN_NS, LATCHED, LOST, SERVER, SLAM, Safety
@@ -18,8 +18,8 @@ MS = 1_000_000
 NOW = 10_000 * MS
 
 
-def order(command: RobotCommand, number: int = 1, stamp_ns: int = NOW, sender: str = "page") -> Order:
-    return Order(sender, number, stamp_ns, command)
+def order(command: RobotCommand, number: int = 1, stamp_ns: int = NOW, sender: str = "page") -> SentCommand:
+    return SentCommand(sender, number, stamp_ns, command)
 
 
 def alive(now_ns: int = NOW) -> Safety:
@@ -149,7 +149,7 @@ def test_a_stopped_robot_requires_nothing() -> None:
     assert safety.held_because is None
 
 
-def test_a_robot_that_stood_still_itself_is_held() -> None:
+def test_a_robot_whose_own_loop_was_frozen_is_held() -> None:
     safety = alive()
     safety.on_iteration(NOW)
     safety.on_iteration(NOW + FROZEN_NS)

@@ -30,7 +30,7 @@ def full() -> SensorWatch:
 
 
 @pytest.mark.parametrize("silent", [CAMERA, IMU, JOINTS])
-def test_a_stream_that_stops_is_told_within_half_a_second_and_taken_back(silent: str) -> None:
+def test_a_stream_that_stops_is_reported_within_half_a_second_and_cleared_when_it_returns(silent: str) -> None:
     watch = full()
     streams = {CAMERA: FRAME_NS, IMU: STEP_NS, JOINTS: STEP_NS}
     others = {name: every_ns for name, every_ns in streams.items() if name != silent}

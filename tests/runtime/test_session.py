@@ -19,7 +19,7 @@ from snakeslam.messages import GroundTruth, MapChunk
 from snakeslam.robot.model import RobotSettings
 from snakeslam.runtime.assembly.spec import SessionSpec
 from snakeslam.runtime.bus.commands import ControlPlayback, Shutdown, Stop
-from snakeslam.runtime.bus.topics import Ended, Features, Picture, Report, Started, Tick
+from snakeslam.runtime.bus.topics import Ended, Features, JpegImage, Report, Started, Tick
 from snakeslam.runtime.session.recording import Session, start_session
 from snakeslam.runtime.view.live import TruthView
 from tests.small_recordings import write_robot
@@ -81,14 +81,14 @@ def test_links_hang_on_the_estimate(spec: SessionSpec) -> None:
 def test_seeking_back_shows_what_was_computed_and_the_end_is_no_end(spec: SessionSpec) -> None:
     reports: list[Report] = []
     session = Session(spec, reports.append)
-    session.take(ControlPlayback(paused=True, position_s=1.0))
+    session.on_command(ControlPlayback(paused=True, position_s=1.0))
     first = play_until(session, reports, lambda tick: position_s(tick) == 1.0)
     features = last(reports, Features)
-    session.take(ControlPlayback(paused=False))
+    session.on_command(ControlPlayback(paused=False))
     end = play_until(session, reports, lambda tick: tick.playback is not None and tick.playback.at_end)
     session.step()
     assert last(reports, Ended) == Ended(None)
-    session.take(ControlPlayback(paused=True, position_s=1.0))
+    session.on_command(ControlPlayback(paused=True, position_s=1.0))
     again = play_until(session, reports, lambda tick: position_s(tick) == 1.0)
     assert again.T_WI is not None
     assert first.T_WI is not None
@@ -97,8 +97,8 @@ def test_seeking_back_shows_what_was_computed_and_the_end_is_no_end(spec: Sessio
     assert not np.array_equal(again.T_WI, end.T_WI)
     assert (again.t_ns, again.health) == (first.t_ns, first.health)
     assert last(reports, Features) == features
-    assert last(reports, Picture).t_ns == again.t_ns
-    session.take(ControlPlayback(step=-1))
+    assert last(reports, JpegImage).t_ns == again.t_ns
+    session.on_command(ControlPlayback(step=-1))
     play_until(session, reports, lambda tick: position_s(tick) == pytest.approx(0.95))
 
 
@@ -108,9 +108,9 @@ def test_seeking_does_not_change_what_is_estimated(spec: SessionSpec) -> None:
         reports: list[Report] = []
         session = Session(spec, reports.append)
         for goal_s in positions_s:
-            session.take(ControlPlayback(position_s=goal_s))
+            session.on_command(ControlPlayback(position_s=goal_s))
             play_until(session, reports, lambda tick: tick.playback is not None and not tick.playback.seeking)
-        session.take(ControlPlayback(position_s=100.0))
+        session.on_command(ControlPlayback(position_s=100.0))
         tick = play_until(session, reports, lambda tick: tick.playback is not None and tick.playback.at_end)
         assert tick.T_WI is not None
         poses.append(tick.T_WI)
@@ -139,7 +139,7 @@ def read_until(pipe: Connection, kind: type, timeout_s: float = 40.0) -> list[Re
 def test_the_process_reports_obeys_and_ends(child: tuple[BaseProcess, Connection]) -> None:
     process, pipe = child
     assert isinstance(read_until(pipe, Started)[-1], Started)
-    wanted = (Picture, Features, MapChunk, Tick)
+    wanted = (JpegImage, Features, MapChunk, Tick)
     kinds = {type(report) for kind in wanted for report in read_until(pipe, kind)}
     assert set(wanted) <= kinds
     # Ctrl-C in the terminal reaches the session too; its host decides.

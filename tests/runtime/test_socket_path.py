@@ -125,20 +125,20 @@ def test_a_folder_that_is_not_there_and_a_path_that_is_too_long_are_one_line(tmp
 
 def start_with_others(folder: str, name: str, life: Life) -> None:
     """Wait for the file `go`, listen, and write into the file `name` how that went."""
-    place = Path(folder)
-    while not (place / "go").exists():
+    together = Path(folder)
+    while not (together / "go").exists():
         if life.over:
             return
     try:
-        with closing(Bus(listening(place))):
-            (place / name).write_text("listens")
+        with closing(Bus(listening(together))):
+            (together / name).write_text("listens")
             life.wait(60.0)
     except SnakeslamError as error:
-        (place / name).write_text(str(error))
+        (together / name).write_text(str(error))
 
 
 @pytest.mark.parametrize("stale", [False, True])
-def test_of_several_that_start_at_once_one_listens_and_the_others_are_told(tmp_path: Path, stale: bool) -> None:
+def test_of_several_that_start_at_once_one_listens_and_the_others_get_an_error(tmp_path: Path, stale: bool) -> None:
     if stale:
         with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as dead:
             dead.bind(str(tmp_path / "bus.sock"))

@@ -1,4 +1,4 @@
-"""Children that die: told, started again after a while, and given up where it is no use."""
+"""Child processes that die are reported, started again after a wait, and given up where that is no use."""
 
 import os
 import signal
@@ -43,8 +43,8 @@ def bear(pids: str, life: Life) -> None:
 
 class Watched:
     def __init__(self) -> None:
-        self.told: list[tuple[str, str, bool]] = []
-        self.supervisor = Supervisor(lambda *what: self.told.append(what))
+        self.reported: list[tuple[str, str, bool]] = []
+        self.supervisor = Supervisor(lambda *what: self.reported.append(what))
 
     def start(self, run: Callable[..., None]) -> None:
         self.supervisor.start("child", lambda: spawn("child", run))
@@ -52,7 +52,7 @@ class Watched:
     def wait_for(self, condition: Callable[[], object]) -> None:
         until = time.monotonic() + 30.0
         while not condition():
-            assert time.monotonic() < until, self.told
+            assert time.monotonic() < until, self.reported
             time.sleep(0.02)
 
 
@@ -69,38 +69,38 @@ def test_a_child_that_is_killed_is_started_again(watched: Watched) -> None:
     assert first is not None
     os.kill(first, signal.SIGKILL)
     watched.wait_for(lambda: watched.supervisor.pid("child") != first)
-    assert watched.told == [("child", "the process ended unexpectedly (signal 9)", False)]
+    assert watched.reported == [("child", "the process ended unexpectedly (signal 9)", False)]
 
 
 def test_a_wrong_input_is_final_for_it_would_only_fail_again(watched: Watched) -> None:
     watched.start(refuse)
-    watched.wait_for(lambda: watched.told)
-    assert watched.told == [("child", "a setting: is wrong", True)]
+    watched.wait_for(lambda: watched.reported)
+    assert watched.reported == [("child", "a setting: is wrong", True)]
 
 
 def test_a_child_that_fails_is_started_again_until_it_has_failed_too_often(watched: Watched) -> None:
     watched.start(fail)
-    watched.wait_for(lambda: watched.told and watched.told[-1][2])
-    assert watched.told == [("child", "RuntimeError: it broke", k == TRIES - 1) for k in range(TRIES)]
+    watched.wait_for(lambda: watched.reported and watched.reported[-1][2])
+    assert watched.reported == [("child", "RuntimeError: it broke", k == TRIES - 1) for k in range(TRIES)]
 
 
 def test_a_child_that_cannot_be_started_again_is_tried_again_and_reported(watched: Watched) -> None:
     first = spawn("child", die)
     starts = iter([first])
     watched.supervisor.start("child", lambda: next(starts))
-    watched.wait_for(lambda: watched.told and watched.told[-1][2])
-    assert watched.told[0] == ("child", "the process ended unexpectedly (exit code 3)", False)
-    assert watched.told[-1][1].startswith("StopIteration")
+    watched.wait_for(lambda: watched.reported and watched.reported[-1][2])
+    assert watched.reported[0] == ("child", "the process ended unexpectedly (exit code 3)", False)
+    assert watched.reported[-1][1].startswith("StopIteration")
 
 
-def test_an_error_in_whoever_hears_of_a_death_leaves_nobody_unattended() -> None:
+def test_an_error_in_on_death_leaves_no_child_unwatched() -> None:
     heard: list[str] = []
 
-    def tell(name: str, reason: str, final: bool) -> None:
+    def on_death(name: str, reason: str, final: bool) -> None:
         heard.append(reason)
         raise RuntimeError("the listener is broken")
 
-    supervisor = Supervisor(tell)
+    supervisor = Supervisor(on_death)
     try:
         supervisor.start("child", lambda: spawn("child", live_on))
         first = supervisor.pid("child")
@@ -116,8 +116,8 @@ def test_an_error_in_whoever_hears_of_a_death_leaves_nobody_unattended() -> None
 
 def test_an_end_as_planned_is_final_and_has_no_reason(watched: Watched) -> None:
     watched.start(finish)
-    watched.wait_for(lambda: watched.told)
-    assert watched.told == [("child", "", True)]
+    watched.wait_for(lambda: watched.reported)
+    assert watched.reported == [("child", "", True)]
 
 
 def test_the_wait_before_a_start_grows_to_a_limit() -> None:
@@ -141,7 +141,7 @@ def test_closing_ends_a_frozen_child_too(watched: Watched) -> None:
     os.kill(pid, signal.SIGSTOP)
     watched.supervisor.close()
     assert not alive(pid)
-    assert watched.told == []
+    assert watched.reported == []
 
 
 def test_a_child_of_a_killed_child_ends_by_itself(tmp_path: Path) -> None:
@@ -161,12 +161,12 @@ def test_a_child_of_a_killed_child_ends_by_itself(tmp_path: Path) -> None:
 
 
 def test_an_endless_supervisor_gives_nothing_up() -> None:
-    told: list[bool] = []
-    supervisor = Supervisor(lambda _name, _reason, final: told.append(final), endless=True)
+    reported: list[bool] = []
+    supervisor = Supervisor(lambda _name, _reason, final: reported.append(final), endless=True)
     supervisor.start("child", lambda: spawn("child", fail))
     until = time.monotonic() + 30.0
-    while len(told) < 2:
+    while len(reported) < 2:
         assert time.monotonic() < until
         time.sleep(0.02)
     supervisor.close()
-    assert not any(told)
+    assert not any(reported)

@@ -70,7 +70,7 @@ def test_clearing_it_moves_nothing_however_long() -> None:
 
 
 @pytest.mark.parametrize("how", ["latch", "hold"])
-def test_it_resumes_only_when_told_and_without_a_jerk(how: str) -> None:
+def test_it_resumes_only_on_request_and_without_a_jerk(how: str) -> None:
     guard = TargetGuard(LIMITS)
     run(guard, range(40))
     getattr(guard, how)("test")

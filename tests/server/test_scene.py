@@ -19,7 +19,7 @@ from server.viewer import MAX_PATH_POINTS, Scene, capsule_mesh, path_segments
 from server.viewer_host import start_viser, stop_viser
 from snakeslam.config import Config
 from snakeslam.messages import Health, MapChunk, Verdict
-from snakeslam.runtime.bus.topics import HeadMotion, Picture, RobotShape, Started, Tick
+from snakeslam.runtime.bus.topics import HeadMotion, JpegImage, RobotShape, Started, Tick
 
 STARTED = Started(0, "vio", RobotShape("orthogonal24", 24, 0.096, 0.032), np.eye(4), 1.0, 4 / 3, None)
 TICK = Tick(
@@ -118,7 +118,7 @@ def test_updates_replace_each_other_for_those_who_come_later(server: viser.Viser
     def draw(count: int) -> int:
         for k in range(count):
             scene.show_tick(moved(k + 1), moved(k + 1).Ts_WL)
-            scene.show_image(Picture(k, k, 160, 120, bytes([k])))
+            scene.show_image(JpegImage(k, k, 160, 120, bytes([k])))
             scene.show_path("estimate", [(0.0, 0.0, 0.0, 0.0), (1.0, float(k), 0.0, 0.0)], 4.0)
             scene.show_chunk(chunk(k % 3, k))
         return len(kept(server))

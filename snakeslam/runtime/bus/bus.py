@@ -1,7 +1,7 @@
-"""The bus between the live nodes, on Zenoh: typed topics, newest wins or nothing is lost; publishing never blocks.
+"""The bus between the live nodes, on Zenoh: typed topics, each with a policy; publishing never blocks.
 
-One node listens and passes on what the others, which connect, say to each other. On one machine it listens on a Unix
-socket that only its user may open; across machines on TLS, both sides with certificates.
+One node listens and forwards the messages of the others, which connect to it. On one machine it listens on a Unix
+socket that only its user may open; across machines on TLS, with certificates on both sides.
 """
 
 import contextlib
@@ -28,18 +28,18 @@ T = TypeVar("T")
 PREFIX = "snakeslam"
 RETRY_S = 0.05
 KEPT = 4000
-"""Lossless messages that wait for a link at most; then the oldest go, and their number is told."""
+"""The most lossless messages that wait for a link; then the oldest are dropped, and their number is logged."""
 CLOSE_S = 0.5
 MODE = 0o177
 _log = structlog.get_logger("bus")
 
 
 class BusError(SnakeslamError):
-    """The bus cannot be had."""
+    """The bus cannot be opened."""
 
 
 class _Outlet(Generic[T]):
-    """Sends one topic from a thread of its own, so that a frozen reader of one topic does not hold up the others."""
+    """Sends one topic from a thread of its own, so that a frozen subscriber of one topic does not delay the others."""
 
     def __init__(self, session: Any, topic: Topic[T]) -> None:
         control, priority = zenoh.CongestionControl, zenoh.Priority
@@ -67,7 +67,7 @@ class _Outlet(Generic[T]):
             self._changed.notify()
 
     def close(self) -> None:
-        """Send what is left, as far as the link takes it in time."""
+        """Send what is left, as far as the link accepts it within CLOSE_S."""
         with self._changed:
             self._closing = True
             self._changed.notify()
@@ -87,7 +87,7 @@ class _Outlet(Generic[T]):
         left_out = self._limit.due("not sent")
         if left_out is not None:
             reason = _first_line(error) if isinstance(error, zenoh.ZError) else error_words(error)
-            _log.warning("not sent", topic=self._topic.name, reason=reason, left_out=left_out)
+            _log.warning("message not sent", topic=self._topic.name, reason=reason, left_out=left_out)
 
     def _next(self) -> list[T] | None:
         """Wait for something to send; None at the end."""
@@ -96,7 +96,7 @@ class _Outlet(Generic[T]):
             if not self._waiting:
                 return None
             if self._lost and self._limit.due("lost") is not None:
-                _log.warning("lost, the link is too slow", topic=self._topic.name, messages=self._lost)
+                _log.warning("messages lost, the link is too slow", topic=self._topic.name, messages=self._lost)
                 self._lost = 0
             batch = list(self._waiting)
             self._waiting.clear()
@@ -104,10 +104,10 @@ class _Outlet(Generic[T]):
 
 
 class Bus:
-    """A node's end of the bus; BusError when nobody answers within ``timeout_s``, or once it is not ``wanted``.
+    """A node's end of the bus; BusError when no node answers within ``timeout_s``, or once it is not ``wanted``.
 
-    What is published goes out from threads of its own, in order within a topic. What comes in is handed over in the
-    bus's threads: a subscriber must not take long. A link that is lost comes back by itself.
+    Messages are sent from threads of the bus, in order within a topic. Subscribers are called in the bus's threads, so
+    they must return soon. A link that is lost is opened again by itself.
     """
 
     def __init__(self, link: Link, timeout_s: float = 60.0, wanted: Callable[[], bool] = lambda: True) -> None:
@@ -118,7 +118,7 @@ class Bus:
         self._sizes: dict[str, int] = {}
 
     def expect(self, sizes: Mapping[str, int]) -> None:
-        """Drop from now on what has arrays of other sizes than these, by their names in ``shapes``."""
+        """Drop from now on messages with arrays of other sizes than these, by their names in ``shapes``."""
         self._sizes = dict(sizes)
 
     def publish(self, topic: Topic[T], message: T) -> None:
@@ -131,42 +131,44 @@ class Bus:
                 outlet = self._outlets[topic.name]
         outlet.put(message)
 
-    def subscribe(self, topic: Topic[T], take: Callable[[T], None]) -> None:
-        """Have every message of ``topic`` from now on; what is no message is dropped and logged."""
+    def subscribe(self, topic: Topic[T], on_message: Callable[[T], None]) -> None:
+        """Call ``on_message`` with every message of ``topic`` from now on; anything else is dropped and logged."""
         limit = LogLimit()
 
         def on_sample(sample: Any) -> None:
             try:
                 if len(sample.payload) > topic.most_bytes:
                     raise WireError(f"a message of {len(sample.payload)} bytes, at most {topic.most_bytes} are allowed")
-                take(decode(topic.type, sample.payload.to_bytes(), self._sizes))
+                on_message(decode(topic.type, sample.payload.to_bytes(), self._sizes))
             except WireError as error:
                 if (left_out := limit.due("dropped")) is not None:
-                    _log.warning("dropped", topic=topic.name, reason=str(error), left_out=left_out)
-            except Exception as error:  # noqa: BLE001  (the bus's thread serves other messages and topics)
+                    _log.warning("message dropped", topic=topic.name, reason=str(error), left_out=left_out)
+            except Exception as error:  # noqa: BLE001  (the bus's thread serves other topics too)
                 if (left_out := limit.due("failed")) is not None:
                     reason = error_words(error)
-                    _log.error("not handled", topic=topic.name, reason=reason, left_out=left_out, exc_info=error)
+                    _log.error(
+                        "message not handled", topic=topic.name, reason=reason, left_out=left_out, exc_info=error
+                    )
 
         self._subscribers.append(self._session.declare_subscriber(f"{PREFIX}/{topic.name}", on_sample))
 
     def close(self) -> None:
-        """Send what is left and leave; safe to call twice."""
+        """Send what is left and close the session; safe to call twice."""
         for outlet in self._outlets.values():
             outlet.close()
         for subscriber in self._subscribers:
             subscriber.undeclare()
         self._subscribers.clear()
-        # A session whose link is gone already has nothing to say good-bye to.
+        # Zenoh raises an error where the link is gone already.
         with contextlib.suppress(zenoh.ZError):
             self._session.close()
-        # What waited for a link that is gone has been let go: a thread must not be inside Zenoh when Python ends.
+        # Now the threads that waited for a lost link return: none may be inside Zenoh when Python ends.
         for outlet in self._outlets.values():
             outlet.close()
 
 
 def _open(link: Link, timeout_s: float, wanted: Callable[[], bool]) -> Any:
-    """Open Zenoh; connecting is tried until it works, nobody wants it any more, or the time is over."""
+    """Open Zenoh; try to connect until it succeeds, is not ``wanted`` any more, or ``timeout_s`` is over."""
     until = monotonic() + timeout_s
     while True:
         try:
@@ -175,7 +177,7 @@ def _open(link: Link, timeout_s: float, wanted: Callable[[], bool]) -> Any:
             if link.listens:
                 raise BusError(f"the bus cannot listen at {link.endpoint}: {_first_line(error)}") from error
             if monotonic() > until or not wanted():
-                raise BusError(f"nobody answers at {link.endpoint}") from error
+                raise BusError(f"no node answers at {link.endpoint}") from error
         sleep(RETRY_S)
 
 
@@ -195,7 +197,7 @@ def _opened(link: Link) -> Any:
 
 
 def _config(link: Link) -> Any:
-    """Return Zenoh's configuration: nothing is searched for and nothing but the endpoint is open."""
+    """Return Zenoh's configuration: no discovery, and no other open endpoint."""
     settings: dict[str, Any] = {
         "mode": "router" if link.listens else "client",
         "listen/endpoints": [link.endpoint] if link.listens else [],
@@ -203,7 +205,7 @@ def _config(link: Link) -> Any:
         "connect/timeout_ms": 0,
         "connect/exit_on_failure": True,
         "connect/retry": {"period_init_ms": 50, "period_max_ms": 500, "period_increase_factor": 1.5},
-        # Nothing is searched for, so there is nothing to wait for either.
+        # Without discovery there is nothing to wait for.
         "scouting/delay": 0,
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,

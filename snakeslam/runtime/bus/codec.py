@@ -1,6 +1,6 @@
-"""Messages to bytes and back: MessagePack, checked against the type on the way in; nothing in it can run code.
+"""Messages to bytes and back: MessagePack, checked against the type when decoded; no message can run code.
 
-An array is (dtype, shape, bytes in C order); it must have the dtype that its field declares and a shape that fits
+An array is (dtype, shape, bytes in C order); its dtype must be the one that its field declares, and its shape must fit
 (``shapes``).
 """
 
@@ -22,7 +22,7 @@ NO_SIZES: Mapping[str, int] = MappingProxyType({})
 
 
 class WireError(SnakeslamError):
-    """Bytes from the bus are no message of their topic."""
+    """Bytes from the bus are not a message of their topic."""
 
 
 def encode(message: Any) -> bytes:
@@ -40,7 +40,7 @@ def decode(kind: type[T], data: bytes, sizes: Mapping[str, int] = NO_SIZES) -> T
         check(message, sizes)
         return message
     except (msgspec.MsgspecError, ValidationError, ValueError, TypeError) as error:
-        raise WireError(f"no {kind.__name__}: {' '.join(str(error).split())}") from error
+        raise WireError(f"not a {kind.__name__}: {' '.join(str(error).split())}") from error
 
 
 def _plain(value: Any) -> Any:
@@ -65,9 +65,9 @@ def _rich(kind: Any, value: Any) -> Any:
 def _array(dtype: type[np.generic], value: Any) -> np.ndarray[Any, Any]:
     name, shape, data = value
     if np.dtype(str(name)) != np.dtype(dtype):
-        raise ValueError(f"an array of {name} in the place of {np.dtype(dtype).str}")
+        raise ValueError(f"an array of {name} instead of {np.dtype(dtype).str}")
     if not all(isinstance(side, int) and 0 <= side <= LARGEST_SIDE for side in shape):
-        raise ValueError(f"no shape: {shape}")
+        raise ValueError(f"not a shape: {shape}")
     return np.frombuffer(data, dtype=dtype).reshape(shape)
 
 

@@ -75,5 +75,5 @@ class Shutdown(Struct, frozen=True, tag=True):
 
 
 RobotCommand = SetGait | SetHead | Start | BackUp | Stop | Drive | EStop | ResetEStop
-"""What goes over the bus, as an ``Order``."""
+"""What goes over the bus, as a ``SentCommand``."""
 Command = RobotCommand | ControlPlayback | Shutdown

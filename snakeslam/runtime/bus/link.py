@@ -1,4 +1,4 @@
-"""Where nodes meet: an endpoint in Zenoh's notation, and the certificates that a network needs."""
+"""How a node reaches the bus: an endpoint in Zenoh's notation, and the certificates that a network needs."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,7 +20,7 @@ class Certificates:
 
 @dataclass(frozen=True, slots=True)
 class Link:
-    """Where a node meets the others: it listens at ``endpoint`` or connects to it."""
+    """How a node reaches the others: it listens at ``endpoint`` or connects to it."""
 
     endpoint: str
     listens: bool = False
@@ -28,10 +28,10 @@ class Link:
 
     def __post_init__(self) -> None:
         where = "--listen" if self.listens else "--connect"
-        kind, _, place = self.endpoint.partition("/")
-        if f"{kind}/" not in (UNIX, TLS, TCP) or not place:
-            raise InputError(where, f"{self.endpoint!r} is no endpoint", "unixsock-stream/PATH, tls/HOST:PORT")
-        if f"{kind}/" == TCP and place.rpartition(":")[0] not in LOCAL:
+        kind, _, address = self.endpoint.partition("/")
+        if f"{kind}/" not in (UNIX, TLS, TCP) or not address:
+            raise InputError(where, f"{self.endpoint!r} is not an endpoint", "unixsock-stream/PATH, tls/HOST:PORT")
+        if f"{kind}/" == TCP and address.rpartition(":")[0] not in LOCAL:
             raise InputError(where, f"{self.endpoint} would be open to all", "tls/HOST:PORT with certificates")
         if f"{kind}/" == TLS and self.certificates is None:
             raise InputError(where, f"{self.endpoint} needs certificates", "--ca, --cert and --key")

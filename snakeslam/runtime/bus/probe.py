@@ -6,11 +6,9 @@ from collections.abc import Sequence
 from snakeslam.errors import SnakeslamError
 from snakeslam.runtime.bus.bus import Bus
 from snakeslam.runtime.bus.link import Link
-from snakeslam.runtime.bus.topics import ROBOT_STATE, SLAM_BEAT
+from snakeslam.runtime.bus.topics import ROBOT_STATE, SLAM_HEARTBEAT
 
 PATIENCE_S = 5.0
-
-
 NODES = ("robot", "slam")
 
 
@@ -20,9 +18,9 @@ def check(link: Link, nodes: Sequence[str] = NODES, patience_s: float = PATIENCE
     robot, slam = threading.Event(), threading.Event()
     try:
         bus.subscribe(ROBOT_STATE, lambda _: robot.set())
-        bus.subscribe(SLAM_BEAT, lambda _: slam.set())
-        for name, heard in (("robot", robot), ("slam", slam)):
-            if name in nodes and not heard.wait(patience_s):
+        bus.subscribe(SLAM_HEARTBEAT, lambda _: slam.set())
+        for name, arrived in (("robot", robot), ("slam", slam)):
+            if name in nodes and not arrived.wait(patience_s):
                 raise SnakeslamError(f"the {name} node is silent")
     finally:
         bus.close()

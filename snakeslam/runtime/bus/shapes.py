@@ -1,7 +1,7 @@
-"""The shape of every array in the messages on the bus, and what else a message must be for its receiver to use it.
+"""The shape of every array in the messages on the bus, and the ranges of their numbers.
 
-The types say how many dimensions an array has to whoever reads them; this table says it to the program. A size with a
-name is one and the same throughout a message, and that of the robot where the receiver knows it (``Bus.expect``).
+A size with a name has the same value throughout a message; it is the robot's where the receiver knows it
+(``Bus.expect``).
 """
 
 from collections.abc import Mapping
@@ -26,9 +26,9 @@ from snakeslam.robot.model import snake_model
 from snakeslam.runtime.bus.topics import RobotState, SlamState
 from snakeslam.runtime.bus.wire import Hello
 
-Shape = tuple[int | str, ...]
+ArrayShape = tuple[int | str, ...]
 JOINTS, LINKS, POINTS, HEIGHT, WIDTH = "joints", "links", "points", "height", "width"
-SHAPES: dict[type, dict[str, Shape]] = {
+SHAPES: dict[type, dict[str, ArrayShape]] = {
     ImuSample: {"gyro_I": (3,), "accel_I": (3,)},
     CameraFrame: {"gray": (HEIGHT, WIDTH), "rgb": (HEIGHT, WIDTH, 3), "depth_m": (HEIGHT, WIDTH)},
     JointState: dict.fromkeys(("q_rad", "dq_rad_s", "current_a", "temperature_degc"), (JOINTS,)),
@@ -41,9 +41,9 @@ SHAPES: dict[type, dict[str, Shape]] = {
     CameraExposure: {"Ts_WL": (LINKS, 4, 4), "T_WI": (4, 4), "w_C": (3,)},
 }
 MAY_BE_UNKNOWN = {(JointState, "current_a"), (JointState, "temperature_degc"), (CameraFrame, "depth_m")}
-"""Arrays in which a number may be none: NaN stands for what is not known."""
+"""Arrays whose unknown values are NaN."""
 FINITE_SCALARS = {(JointTarget, "head_roll_rad"), (RobotState, "period_s")}
-"""Commands are not among them: the robot answers those that are not finite (``intake``)."""
+"""Commands are not among them: the robot answers those that are not finite (``admission``)."""
 INTEGERS = 1 << 62
 """Integers are below this, so that times in ns can be added in 64 bits."""
 
@@ -90,14 +90,14 @@ def _check_field(message: Any, name: str, sizes: dict[str, int]) -> None:
         _check(value, sizes)
 
 
-def _check_shape(where: str, shape: tuple[int, ...], declared: Shape, sizes: dict[str, int]) -> None:
+def _check_shape(where: str, shape: tuple[int, ...], declared: ArrayShape, sizes: dict[str, int]) -> None:
     fits = len(shape) == len(declared)
     for side, size in zip(shape, declared, strict=False):
         # The first array with a name of a size binds it for the rest of the message.
         fits = fits and side == (sizes.setdefault(size, side) if isinstance(size, str) else size)
     if not fits:
         wanted = ", ".join(f"{size} = {sizes[size]}" if size in sizes else str(size) for size in map(str, declared))
-        raise ValueError(f"{where} has the shape {shape} in the place of ({wanted})")
+        raise ValueError(f"{where} has the shape {shape} instead of ({wanted})")
 
 
 @cache

@@ -1,7 +1,7 @@
-"""A Unix socket at a path that a user gave: nothing that is there and belongs to somebody is ever removed.
+"""A Unix socket at a path that a user gave; a file or a socket in use at that path is never removed.
 
-The bus removes what is at the path before it binds, a living node's socket and a text file alike. So it is found out
-first who owns it, and until the new socket listens nobody else may find out: a lock lets one start at a time.
+Zenoh removes what is at the path before it binds, a running node's socket and a text file alike. So the path is checked
+first, and a lock admits one node at a time from the check until its socket listens.
 """
 
 import errno
@@ -16,22 +16,22 @@ from pathlib import Path
 from snakeslam.errors import InputError
 
 WHERE = "--listen"
-ALLOWED = "a path where nothing is, or a socket at which nobody listens any more"
+ALLOWED = "a path where nothing is, or a socket at which no process listens any more"
 LONGEST = 107
-"""Bytes of a Unix socket's path, of Linux."""
+"""Linux's limit for the path of a Unix socket, in bytes."""
 DEAD = (errno.ECONNREFUSED, errno.ENOENT)
 
 
-def check_room_for_sockets(folder: Path, names: Sequence[str]) -> None:
+def check_socket_paths(folder: Path, names: Sequence[str]) -> None:
     """Raise InputError where sockets of these names in a temporary folder would have paths that are too long."""
-    room = LONGEST - max(map(len, names)) - 1
-    if len(os.fsencode(folder)) > room:
-        raise InputError("TMPDIR", f"{folder}: too long for the sockets in it", f"at most {room} bytes")
+    longest = LONGEST - max(map(len, names)) - 1
+    if len(os.fsencode(folder)) > longest:
+        raise InputError("TMPDIR", f"{folder}: too long for the sockets in it", f"at most {longest} bytes")
 
 
 @contextmanager
 def claimed(path: Path) -> Generator[None]:
-    """Hold the right to make a socket at ``path``, until it listens; InputError where there is something of others'."""
+    """Hold the lock for a socket at ``path`` until it listens; InputError when a file or a socket in use is there."""
     if len(os.fsencode(path)) > LONGEST:
         raise InputError(WHERE, f"{path}: too long for a socket", f"at most {LONGEST} bytes")
     lock = path.with_name(f".{path.name}.starting")
@@ -48,11 +48,11 @@ def claimed(path: Path) -> Generator[None]:
 
 
 def _locked(lock: Path) -> int:
-    """Return a descriptor of the lock file, locked; a file of its own, for the folder may be locked by its owner."""
+    """Return a descriptor of the lock file, locked; a separate file, because the folder may be locked by its owner."""
     while True:
         descriptor = os.open(lock, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
         fcntl.flock(descriptor, fcntl.LOCK_EX)
-        # Whoever had it before has removed the file: the lock of a file that is gone keeps nobody out.
+        # Its previous owner may have removed the file, and the lock of a removed file excludes nobody.
         if _is(lock, descriptor):
             return descriptor
         os.close(descriptor)
@@ -68,7 +68,7 @@ def _is(lock: Path, descriptor: int) -> bool:
 def _check_free(path: Path) -> None:
     mode = _mode(path)
     if mode is not None and not stat.S_ISSOCK(mode):
-        raise InputError(WHERE, f"{path} exists and is no socket", ALLOWED)
+        raise InputError(WHERE, f"{path} exists and is not a socket", ALLOWED)
     if mode is not None and somebody_listens(path):
         raise InputError(WHERE, f"{path} is in use: another process listens there", ALLOWED)
     lock = path.with_name(path.name + ".lock")
@@ -86,7 +86,7 @@ def _mode(path: Path) -> int | None:
 
 
 def somebody_listens(path: Path) -> bool:
-    """Whether a process has the socket at ``path`` open; one that is frozen, or not ours, counts."""
+    """Return whether a process has the socket at ``path`` open, even if it is frozen or another user's."""
     for kind in (socket.SOCK_STREAM, socket.SOCK_DGRAM, socket.SOCK_SEQPACKET):
         with socket.socket(socket.AF_UNIX, kind) as probe:
             probe.setblocking(False)

@@ -9,11 +9,11 @@ from typing import Generic, Literal, TypeVar
 
 from snakeslam.head.settings import HeadSettings
 from snakeslam.messages import CameraFrame, Float, GaitCommand, Health, MapChunk
-from snakeslam.runtime.bus.wire import Beat, Estimate, Exposure, Hello, Order, Sensors
+from snakeslam.runtime.bus.wire import Estimate, Exposure, Heartbeat, Hello, Sensors, SentCommand
 
 
 class Phase(Enum):
-    """What the governor does."""
+    """What the governor does now."""
 
     FULL = "full"
     SLOWING = "slowing"
@@ -23,7 +23,7 @@ class Phase(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Governed:
-    """The share of the commanded pace that is allowed, in (0, 1], and why it is not all; None when it is."""
+    """The share of the commanded pace that the governor allows, in (0, 1], and the reason when it is less than 1."""
 
     pace: float = 1.0
     phase: Phase = Phase.FULL
@@ -32,7 +32,7 @@ class Governed:
 
 @dataclass(frozen=True, slots=True)
 class RobotShape:
-    """What is needed to draw the robot."""
+    """The robot's measures that are needed to draw it."""
 
     model: str
     joint_count: int
@@ -42,7 +42,7 @@ class RobotShape:
 
 @dataclass(frozen=True, slots=True)
 class Started:
-    """The session is built and runs; ``fov_y_rad``, ``aspect`` and ``T_IC`` (4, 4) are the camera's."""
+    """The session runs; ``fov_y_rad``, ``aspect`` and ``T_IC`` (4, 4) are the camera's."""
 
     t_start_ns: int
     estimator_mode: str
@@ -55,10 +55,10 @@ class Started:
 
 @dataclass(frozen=True, slots=True)
 class HeadMotion:
-    """How still the head is, over the last period of the gait (``window_s``); None where it is not known.
+    """The head's motion over the last period of the gait (``window_s``); None where it is not known.
 
     ``heading_deg`` is the mean heading in the estimate's world, ``yaw_deg`` the head's deviation from it now and
-    ``yaw_rms_deg`` over the period; ``sway_m`` is the motion across the way, peak to peak.
+    ``yaw_rms_deg`` over the period; ``sway_m`` is the motion across the displacement, peak to peak.
     """
 
     yaw_deg: float | None = None
@@ -80,7 +80,7 @@ class Refusal:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """How far the robot is with a sender's commands: ``done`` is the number of the last one it took."""
+    """The robot's answer to a sender: ``done`` is the number of its last command that the robot handled."""
 
     sender: str
     done: int
@@ -89,10 +89,10 @@ class Answer:
 
 @dataclass(frozen=True, slots=True)
 class RobotState:
-    """What the robot node says of itself; ``period_s`` is the gait's, ``held_because`` why it is held until a start.
+    """The state of the robot node; ``period_s`` is the gait's, ``held_because`` why it is held until a start.
 
-    ``governed`` is the pace that the governor allows, None where it is off. ``back_up_offered``: it was stopped because
-    it saw nothing, and may be backed up.
+    ``governed`` is the pace that the governor allows, None where it is off. ``back_up_offered``: it is held because its
+    camera saw nothing, and may be backed up.
     """
 
     boot: str
@@ -116,7 +116,7 @@ class RobotState:
 
 @dataclass(frozen=True, slots=True)
 class SlamState:
-    """What slam says of itself, for the boot of the robot whose sensors it has; members as in ``Tick``."""
+    """The state of slam over the sensors of the robot node's start ``boot``; members as in ``Tick``."""
 
     boot: str
     mode: str
@@ -135,7 +135,7 @@ class SlamState:
 class PlaybackState:
     """How a recording plays; times in seconds from its first frame.
 
-    ``computed_s`` is how far the estimator has come, ``seeking`` whether it is on its way to a requested frame,
+    ``computed_s`` is how far the estimator has come, ``seeking`` whether it is computing up to a requested frame,
     ``seeks`` counts the jumps, so that curves over time are not drawn across one.
     """
 
@@ -151,15 +151,15 @@ class PlaybackState:
 
 @dataclass(frozen=True, slots=True)
 class Tick:
-    """The newest state, at most 20 times a second; ``commands_done`` counts the commands taken so far.
+    """The newest state, at most 20 times a second; ``commands_done`` is the number of the last command handled.
 
-    ``T_WI`` (4, 4) is the estimate, ``Ts_WL`` (N + 1, 4, 4) the links that hang on it, ``T_WI_truth`` the truth brought
-    to the estimate's first pose by yaw and translation, ``error_m`` the distance of the two. ``head`` is how still the
-    head is, ``head_settings`` how it is held, ``notice`` what the operator should know of the gait, ``refusals`` the
-    last commands that were not obeyed, ``governed`` the pace that the governor allows, None where it is off,
-    ``held_because`` why the robot is held until somebody starts it again, ``back_up_offered`` whether it was stopped
-    because it saw nothing, and may be backed up, ``playback`` how a recording
-    plays, None for a robot.
+    ``T_WI`` (4, 4) is the estimate, ``Ts_WL`` (N + 1, 4, 4) the links' poses that follow from it, ``T_WI_truth``
+    the truth aligned with the estimate's first pose by yaw and translation, ``error_m`` the distance of the two.
+    ``head`` is the head's motion, ``head_settings`` its control, ``notice`` what the operator should know of the
+    gait, ``refusals`` the last commands that were not obeyed, ``governed`` the pace that the governor allows, None
+    where it is off, ``held_because`` why the robot is held until somebody starts it again, ``back_up_offered``
+    whether it is held because its camera saw nothing, and may be backed up, ``playback`` how a recording plays,
+    None for a robot.
     """
 
     t_ns: int
@@ -189,7 +189,7 @@ class Tick:
 
 
 @dataclass(frozen=True, slots=True)
-class Picture:
+class JpegImage:
     """One camera frame as JPEG."""
 
     t_ns: int
@@ -201,7 +201,7 @@ class Picture:
 
 @dataclass(frozen=True, slots=True)
 class Features:
-    """The features followed into frame ``seq``: rows of (x_px, y_px, inlier 0 or 1, id).
+    """The features tracked into frame ``seq``: rows of (x_px, y_px, inlier 0 or 1, id).
 
     ``roll_rad`` is how far the camera was rolled about its view, clockwise as it sees itself, None where not known.
     """
@@ -214,7 +214,7 @@ class Features:
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """Words for the timeline; ``level`` is info, warning or error."""
+    """A line of the timeline; ``level`` is info, warning or error."""
 
     t_ns: int
     level: str
@@ -223,31 +223,31 @@ class Event:
 
 @dataclass(frozen=True, slots=True)
 class Opening:
-    """Another source is being opened: nothing that was shown before belongs to it."""
+    """Another source is being opened; what was shown before does not belong to it."""
 
 
 @dataclass(frozen=True, slots=True)
 class Restarting:
-    """The robot node has died and is started anew: a new session begins with the next ``Started``."""
+    """The robot node has died and is started again: a new session begins with the next ``Started``."""
 
     reason: str
 
 
 @dataclass(frozen=True, slots=True)
 class Silence:
-    """The robot node has not been heard for a while, and why that may be; None when it is heard again."""
+    """The robot node is silent, in words; None when its state arrives again."""
 
     reason: str | None
 
 
 @dataclass(frozen=True, slots=True)
 class Ended:
-    """The session is over: a recording's end, a wish, or (``error``) a failure in one line."""
+    """The session is over: at a recording's end, by request, or (``error``) by a failure, in one line."""
 
     error: str | None
 
 
-Report = Opening | Started | Tick | Picture | Features | MapChunk | Event | Restarting | Silence | Ended
+Report = Opening | Started | Tick | JpegImage | Features | MapChunk | Event | Restarting | Silence | Ended
 
 T_co = TypeVar("T_co", covariant=True)
 Policy = Literal["lossless", "newest", "urgent"]
@@ -257,37 +257,37 @@ BULKY_BYTES, SMALL_BYTES = 1 << 26, 1 << 22
 
 @dataclass(frozen=True, slots=True)
 class Topic(Generic[T_co]):
-    """One row of the table: who misses a message of policy ``newest`` has the next; ``urgent`` overtakes everything.
+    """One row of the table. A subscriber may miss messages of policy ``newest``; ``urgent`` overtakes everything.
 
-    What is ``bulky`` goes behind all else, and waits for the link instead of being dropped on it.
+    A ``bulky`` topic is sent after all others, and waits for a slow link instead of being dropped.
     """
 
     name: str
     type: type[T_co]
     rate_hz: float | None
-    """None: whenever there is something to say."""
+    """None: sent when there is a message."""
     policy: Policy
     recorded: bool = False
     bulky: bool = False
 
     @property
     def most_bytes(self) -> int:
-        """What a message may have at most; a larger one is dropped unread."""
+        """The largest message in bytes; a larger one is dropped undecoded."""
         return BULKY_BYTES if self.bulky else SMALL_BYTES
 
 
-ESTOP = Topic("robot/estop", Order, None, "urgent", recorded=True)
-ORDERS = Topic("robot/orders", Order, None, "lossless", recorded=True)
+ESTOP = Topic("robot/estop", SentCommand, None, "urgent", recorded=True)
+COMMANDS = Topic("robot/commands", SentCommand, None, "lossless", recorded=True)
 HELLO = Topic("robot/hello", Hello, 5.0, "newest", recorded=True)
 SENSORS = Topic("robot/sensors", Sensors, 100.0, "lossless", recorded=True)
 ROBOT_STATE = Topic("robot/state", RobotState, 20.0, "newest")
 ROBOT_EVENTS = Topic("robot/events", Event, None, "lossless", recorded=True)
 EXPOSURES = Topic("camera/exposures", Exposure, 20.0, "newest")
-CAMERA_READY = Topic("camera/ready", Beat, 10.0, "newest")
+CAMERA_READY = Topic("camera/ready", Heartbeat, 10.0, "newest")
 FRAMES = Topic("camera/frames", CameraFrame, 20.0, "newest", recorded=True, bulky=True)
-PICTURES = Topic("camera/pictures", Picture, 20.0, "newest")
-SERVER_BEAT = Topic("server/beat", Beat, 20.0, "newest")
-SLAM_BEAT = Topic("slam/beat", Beat, 20.0, "newest")
+JPEG_IMAGES = Topic("camera/images", JpegImage, 20.0, "newest")
+SERVER_HEARTBEAT = Topic("server/heartbeat", Heartbeat, 20.0, "newest")
+SLAM_HEARTBEAT = Topic("slam/heartbeat", Heartbeat, 20.0, "newest")
 ESTIMATES = Topic("slam/estimates", Estimate, 20.0, "newest", recorded=True)
 SLAM_STATE = Topic("slam/state", SlamState, 20.0, "newest")
 FEATURES = Topic("slam/features", Features, 20.0, "newest")
@@ -295,6 +295,6 @@ CHUNKS = Topic("slam/chunks", MapChunk, None, "lossless", recorded=True, bulky=T
 SLAM_EVENTS = Topic("slam/events", Event, None, "lossless", recorded=True)
 
 TOPICS = (
-    ESTOP, ORDERS, HELLO, SENSORS, ROBOT_STATE, ROBOT_EVENTS, EXPOSURES, CAMERA_READY, FRAMES,
-    PICTURES, SERVER_BEAT, SLAM_BEAT, ESTIMATES, SLAM_STATE, FEATURES, CHUNKS, SLAM_EVENTS,
+    ESTOP, COMMANDS, HELLO, SENSORS, ROBOT_STATE, ROBOT_EVENTS, EXPOSURES, CAMERA_READY, FRAMES,
+    JPEG_IMAGES, SERVER_HEARTBEAT, SLAM_HEARTBEAT, ESTIMATES, SLAM_STATE, FEATURES, CHUNKS, SLAM_EVENTS,
 )  # fmt: skip

@@ -1,4 +1,4 @@
-"""What the nodes say to each other on the bus, beside the types of ``messages``.
+"""The messages between the nodes on the bus, besides the types of ``messages``.
 
 ``stamp_ns`` is the robot node's own clock (``clock``), ``t_ns`` the backend's time.
 """
@@ -20,7 +20,7 @@ from snakeslam.runtime.bus.commands import RobotCommand
 
 
 @dataclass(frozen=True, slots=True)
-class Order:
+class SentCommand:
     """A command on its way to the robot: the ``number``-th of its ``sender``."""
 
     sender: str
@@ -30,10 +30,10 @@ class Order:
 
 
 @dataclass(frozen=True, slots=True)
-class Beat:
-    """A sign of life of the server or slam; ``t_frame_ns`` is the newest picture that slam has worked through.
+class Heartbeat:
+    """Shows that a process lives; ``t_frame_ns`` is the stamp of the newest frame that slam has processed.
 
-    ``missing`` says in words which sensor the robot may not move without gives slam nothing; None where all do.
+    ``missing`` names in words a sensor that is silent and without which the robot may not move; None: none is.
     """
 
     sender: str
@@ -44,7 +44,7 @@ class Beat:
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """What slam says of one picture of the robot's ``boot``; ``pose`` is None until initialised."""
+    """Slam's estimate at one frame of the robot node's start ``boot``; ``pose`` is None until initialised."""
 
     boot: str
     t_ns: int
@@ -54,10 +54,10 @@ class Estimate:
 
 @dataclass(frozen=True, slots=True)
 class Hello:
-    """What a robot node is, said five times a second: ``boot`` is another for each start of it.
+    """Describes a robot node, five times a second; each start of it has another ``boot``.
 
-    ``last_pose`` is the newest estimate it has heard, for a slam that begins anew; ``last_pose_holds`` is False where
-    the robot has moved since then, beyond the braking of a hold; ``seed`` is that of the run.
+    ``last_pose`` is the newest pose it received, for a slam that is started again; ``last_pose_holds`` is False when
+    the robot has moved since then by more than the braking of a hold; ``seed`` is that of the run.
     """
 
     boot: str
@@ -73,9 +73,9 @@ class Hello:
 
 @dataclass(frozen=True, slots=True)
 class Sensors:
-    """What one control period gave, but for the camera; ``seq`` counts without a gap.
+    """The samples of one control period without the camera's frames; ``seq`` counts without a gap.
 
-    ``truth`` is for display and recorder only.
+    ``target`` is what the servos got; ``truth`` is for display and recorder only.
     """
 
     boot: str
@@ -89,7 +89,7 @@ class Sensors:
 
 @dataclass(frozen=True, slots=True)
 class Exposure:
-    """A frame of ``boot``'s run that is to be drawn by the camera node."""
+    """A frame that the camera's process is to render, of the robot node's start ``boot``."""
 
     boot: str
     exposure: CameraExposure

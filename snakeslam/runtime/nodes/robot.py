@@ -21,7 +21,7 @@ from snakeslam.runtime.bus.commands import EStop
 from snakeslam.runtime.bus.link import Link
 from snakeslam.runtime.bus.shapes import robot_sizes
 from snakeslam.runtime.bus.topics import EXPOSURES, FRAMES, HELLO, ROBOT_EVENTS, ROBOT_STATE, SENSORS, Event
-from snakeslam.runtime.bus.wire import Beat, Exposure, Hello, Order, Sensors
+from snakeslam.runtime.bus.wire import Exposure, Heartbeat, Hello, Sensors, SentCommand
 from snakeslam.runtime.nodes.camera import camera_process
 from snakeslam.runtime.process.log_limit import LogLimit
 from snakeslam.runtime.process.node import Life
@@ -125,33 +125,33 @@ class RobotNode:
 
     def _handle_estops(self) -> None:
         """Handle the E-stops that have arrived; all are latched before anything else is done for the first."""
-        orders = drain(self._inbox.estops)
-        for order in orders:
-            if isinstance(order.command, EStop):
-                self._robot.safety.latch(order.command.reason)
-        for order in orders:
-            if isinstance(order.command, EStop):
-                self._guarded("an E-stop", partial(self._on_order, order))
+        commands = drain(self._inbox.estops)
+        for sent in commands:
+            if isinstance(sent.command, EStop):
+                self._robot.safety.latch(sent.command.reason)
+        for sent in commands:
+            if isinstance(sent.command, EStop):
+                self._guarded("an E-stop", partial(self._on_command, sent))
             else:
-                self._log_dropped(f"{type(order.command).__name__} is no E-stop")
-        if orders:
+                self._log_dropped(f"{type(sent.command).__name__} is no E-stop")
+        if commands:
             self.publish_state()
 
     def _handle_messages(self) -> None:
         """Handle what has arrived, each message by itself; an E-stop that arrives meanwhile is handled first."""
         for name, heartbeat in drain(self._inbox.heartbeats):
             self._guarded("a heartbeat", partial(self._on_heartbeat, name, heartbeat))
-        orders = drain(self._inbox.commands)
-        for order in orders:
+        commands = drain(self._inbox.commands)
+        for sent in commands:
             if self._inbox.estops:
                 self._handle_estops()
-            self._guarded("a command", partial(self._on_order, order))
+            self._guarded("a command", partial(self._on_command, sent))
         for estimate in drain(self._inbox.estimates):
             self._guarded("an estimate", partial(self._robot.on_estimate, estimate))
-        if orders:
+        if commands:
             self.publish_state()
 
-    def _on_heartbeat(self, name: str, heartbeat: Beat) -> None:
+    def _on_heartbeat(self, name: str, heartbeat: Heartbeat) -> None:
         clock_ns = monotonic_ns()
         stamp_ns = self._time.of_stamp(heartbeat.stamp_ns, clock_ns)
         self._robot.safety.on_heartbeat(name, stamp_ns, self._time.at(clock_ns))
@@ -159,10 +159,10 @@ class RobotNode:
             self._robot.safety.set_missing(SLAM, heartbeat.missing)
             self._note_progress(heartbeat)
 
-    def _on_order(self, order: Order) -> None:
+    def _on_command(self, sent: SentCommand) -> None:
         clock_ns = monotonic_ns()
-        order = replace(order, stamp_ns=self._time.of_stamp(order.stamp_ns, clock_ns))
-        self._robot.on_order(order, self._time.at(clock_ns))
+        sent = replace(sent, stamp_ns=self._time.of_stamp(sent.stamp_ns, clock_ns))
+        self._robot.on_command(sent, self._time.at(clock_ns))
 
     def _log_dropped(self, reason: str) -> None:
         left_out = self._limit.due("dropped")
@@ -201,7 +201,7 @@ class RobotNode:
         for exposure in camera.take_exposures() if camera is not None else ():
             self._bus.publish(EXPOSURES, Exposure(boot, exposure))
 
-    def _note_progress(self, heartbeat: Beat) -> None:
+    def _note_progress(self, heartbeat: Heartbeat) -> None:
         self._slam_there = True
         if heartbeat.t_frame_ns is not None and heartbeat.t_frame_ns != self._t_slam_ns:
             self._t_slam_ns, self._patient_until_s = heartbeat.t_frame_ns, monotonic() + PATIENCE_S

@@ -19,25 +19,25 @@ from snakeslam.runtime.bus.topics import (
     FEATURES,
     FRAMES,
     HELLO,
-    PICTURES,
+    JPEG_IMAGES,
     ROBOT_STATE,
     SENSORS,
-    SERVER_BEAT,
-    SLAM_BEAT,
+    SERVER_HEARTBEAT,
     SLAM_EVENTS,
+    SLAM_HEARTBEAT,
     SLAM_STATE,
     Event,
     Features,
     Report,
     RobotState,
 )
-from snakeslam.runtime.bus.wire import Beat, Estimate, Hello, Sensors
+from snakeslam.runtime.bus.wire import Estimate, Heartbeat, Hello, Sensors
 from snakeslam.runtime.nodes.live_slam import LiveSlam
 from snakeslam.runtime.process.clock import RobotClock
 from snakeslam.runtime.process.node import Life, run_beside
 from snakeslam.runtime.process.priority import SLAM_NICE, set_own_share
 from snakeslam.runtime.slam.sensor_watch import CAMERA, IMU, JOINTS, SensorWatch
-from snakeslam.runtime.view.pictures import Pictures
+from snakeslam.runtime.view.jpeg import JpegEncoder
 
 HEARTBEAT_S = 0.05
 STUCK_S = 2.0
@@ -54,15 +54,15 @@ class SlamNode:
         self._clock = RobotClock()
         self._clock_boot = ""
         self._name = uuid4().hex[:16]
-        self._inbox: queue.SimpleQueue[Hello | Sensors | CameraFrame | RobotState | Beat] = queue.SimpleQueue()
+        self._inbox: queue.SimpleQueue[Hello | Sensors | CameraFrame | RobotState | Heartbeat] = queue.SimpleQueue()
         self._slam: LiveSlam | None = None
         self._published: Estimate | None = None
         self._chunks: dict[int, MapChunk] = {}
         self._servers: deque[str] = deque(maxlen=KNOWN_SERVERS)
         self._iteration_s = monotonic()
-        self.pictures = Pictures(lambda picture: bus.publish(PICTURES, picture))
+        self.encoder = JpegEncoder(lambda image: bus.publish(JPEG_IMAGES, image))
         bus.subscribe(FRAMES, self._on_frame)
-        bus.subscribe(SERVER_BEAT, self._inbox.put)
+        bus.subscribe(SERVER_HEARTBEAT, self._inbox.put)
         bus.subscribe(ROBOT_STATE, self._on_robot_state)
         for topic in (HELLO, SENSORS):
             bus.subscribe(topic, self._on_robot_message)
@@ -72,7 +72,7 @@ class SlamNode:
         now_ns, slam = self._clock.now_ns(), self._slam
         if slam is not None and now_ns is not None and monotonic() - self._iteration_s < STUCK_S:
             t_frame_ns = None if slam.estimate is None else slam.estimate.t_ns
-            self._bus.publish(SLAM_BEAT, Beat(self._name, now_ns, t_frame_ns, slam.watch.missing()))
+            self._bus.publish(SLAM_HEARTBEAT, Heartbeat(self._name, now_ns, t_frame_ns, slam.watch.missing()))
 
     def iterate(self, timeout_s: float = 0.1) -> None:
         """Wait for messages, handle all there are, of frames the newest only, and publish what follows from them."""
@@ -104,10 +104,10 @@ class SlamNode:
         except queue.Empty:
             return frame
 
-    def _handle(self, message: "Hello | Sensors | RobotState | Beat") -> None:
+    def _handle(self, message: "Hello | Sensors | RobotState | Heartbeat") -> None:
         if isinstance(message, Hello):
             self._handle_hello(message)
-        elif isinstance(message, Beat):
+        elif isinstance(message, Heartbeat):
             self._handle_server(message.sender)
         elif self._slam is None or message.boot != self._slam.boot:
             return
@@ -152,7 +152,7 @@ class SlamNode:
             return
         slam.watch.add(CAMERA, frame.t_ns)
         if not slam.simulated:
-            self.pictures.hear(frame)
+            self.encoder.add(frame)
 
     def _on_robot_state(self, state: RobotState) -> None:
         self._inbox.put(state)
@@ -189,7 +189,7 @@ def run_slam(config: Config, link: Link, life: Life) -> None:
     node = SlamNode(config, bus)
     beside = [
         run_beside("slam-heartbeat", life, lambda: None if life.wait(HEARTBEAT_S) else node.publish_heartbeat()),
-        run_beside("pictures", life, node.pictures.turn),
+        run_beside("jpeg", life, node.encoder.iterate),
     ]
     collect_seldom()
     try:

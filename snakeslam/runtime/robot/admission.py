@@ -8,7 +8,7 @@ from msgspec import Struct
 from msgspec.structs import astuple
 
 from snakeslam.runtime.bus.commands import Drive, EStop, Stop
-from snakeslam.runtime.bus.wire import Order
+from snakeslam.runtime.bus.wire import SentCommand
 from snakeslam.runtime.robot.answers import OVERTAKEN
 from snakeslam.runtime.robot.deadman import DEADMAN_NS
 
@@ -25,15 +25,15 @@ class Admission:
     def __init__(self) -> None:
         self._newest_number: dict[str, int] = {}
 
-    def refusal(self, order: Order, now_ns: int) -> str | None:
-        """Return why ``order`` is dropped; None when it is admitted.
+    def refusal(self, sent: SentCommand, now_ns: int) -> str | None:
+        """Return why ``sent`` is dropped; None when it is admitted.
 
         A command is dropped when it is older than the deadman limit, from the future, overtaken by a later command of
         its sender, or not finite. An E-stop, a stop and a release are admitted however late they arrive.
         """
-        command = order.command
-        overtaken = order.number <= self._newest_number.get(order.sender, 0)
-        self._note_number(order)
+        command = sent.command
+        overtaken = sent.number <= self._newest_number.get(sent.sender, 0)
+        self._note_number(sent)
         if isinstance(command, EStop | Stop):
             return None
         if not is_finite(command):
@@ -42,12 +42,12 @@ class Admission:
             return None
         if overtaken:
             return OVERTAKEN
-        return stamp_error(order.stamp_ns, now_ns)
+        return stamp_error(sent.stamp_ns, now_ns)
 
-    def _note_number(self, order: Order) -> None:
+    def _note_number(self, sent: SentCommand) -> None:
         # Taken out and added again, so that the senders that were silent longest are forgotten first.
-        newest = max(order.number, self._newest_number.pop(order.sender, 0))
-        self._newest_number[order.sender] = newest
+        newest = max(sent.number, self._newest_number.pop(sent.sender, 0))
+        self._newest_number[sent.sender] = newest
         while len(self._newest_number) > SENDERS_KEPT:
             del self._newest_number[next(iter(self._newest_number))]
 

@@ -3,7 +3,7 @@
 from collections import OrderedDict
 
 from snakeslam.runtime.bus.topics import Answer, Refusal
-from snakeslam.runtime.bus.wire import Order
+from snakeslam.runtime.bus.wire import SentCommand
 
 REFUSALS_KEPT = 8
 SENDERS_KEPT = 8
@@ -16,16 +16,16 @@ class Answers:
     def __init__(self) -> None:
         self._answers: OrderedDict[str, tuple[int, tuple[Refusal, ...]]] = OrderedDict()
 
-    def add(self, order: Order, refusal: str | None) -> None:
-        """Add the outcome of ``order``, None when it was obeyed; numbers that were skipped count as overtaken."""
-        done, refusals = self._answers.pop(order.sender, (0, ()))
-        skipped = range(max(done + 1, order.number - REFUSALS_KEPT), order.number)
+    def add(self, sent: SentCommand, refusal: str | None) -> None:
+        """Add the outcome of ``sent``, None when it was obeyed; numbers that were skipped count as overtaken."""
+        done, refusals = self._answers.pop(sent.sender, (0, ()))
+        skipped = range(max(done + 1, sent.number - REFUSALS_KEPT), sent.number)
         added = [Refusal(number, OVERTAKEN) for number in skipped]
         # A command that counted as overtaken may still arrive: an E-stop has a topic of its own.
-        refusals = tuple(earlier for earlier in refusals if earlier.number != order.number)
+        refusals = tuple(earlier for earlier in refusals if earlier.number != sent.number)
         if refusal is not None:
-            added.append(Refusal(order.number, refusal))
-        self._answers[order.sender] = max(done, order.number), (*refusals, *added)[-REFUSALS_KEPT:]
+            added.append(Refusal(sent.number, refusal))
+        self._answers[sent.sender] = max(done, sent.number), (*refusals, *added)[-REFUSALS_KEPT:]
         while len(self._answers) > SENDERS_KEPT:
             self._answers.popitem(last=False)
 

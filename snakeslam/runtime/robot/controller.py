@@ -29,7 +29,7 @@ from snakeslam.messages import (
 )
 from snakeslam.runtime.bus.commands import BackUp, Drive, EStop, ResetEStop, RobotCommand, SetGait, SetHead, Start, Stop
 from snakeslam.runtime.bus.topics import Event, RobotState
-from snakeslam.runtime.bus.wire import Estimate, Order
+from snakeslam.runtime.bus.wire import Estimate, SentCommand
 from snakeslam.runtime.process.log_limit import LogLimit, error_words
 from snakeslam.runtime.process.pacing import Pacer
 from snakeslam.runtime.robot.answers import Answers
@@ -105,20 +105,20 @@ class RobotController:
         """How many joints the robot has."""
         return self._model.joint_count
 
-    def on_order(self, order: Order, now_ns: int) -> str | None:
-        """Obey the command of ``order`` at once, or return why not; the next joint target already obeys it.
+    def on_command(self, sent: SentCommand, now_ns: int) -> str | None:
+        """Obey the command of ``sent`` at once, or return why not; the next joint target already obeys it.
 
         An error while obeying is a hold, and the answer says so.
         """
-        command = order.command
+        command = sent.command
         if isinstance(command, Drive):
-            command = structs.replace(command, deadman=f"{order.sender}/{command.deadman}")
+            command = structs.replace(command, deadman=f"{sent.sender}/{command.deadman}")
         try:
-            refusal = self.safety.refusal(order, now_ns) or self.obey(command, now_ns)
+            refusal = self.safety.refusal(sent, now_ns) or self.obey(command, now_ns)
         except Exception as error:  # noqa: BLE001
             self.fault(describe_command(command), error)
             refusal = f"it failed: {error_words(error)}"
-        self._answers.add(order, refusal)
+        self._answers.add(sent, refusal)
         # A drive is repeated many times a second, and its sender gets the refusal as an answer anyway.
         if refusal is not None and not isinstance(command, Drive):
             self._report("error", f"{describe_command(command)} refused: {refusal}")

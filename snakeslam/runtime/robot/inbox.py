@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import TypeVar
 
 from snakeslam.runtime.bus.bus import Bus
-from snakeslam.runtime.bus.topics import CAMERA_READY, ESTIMATES, ESTOP, ORDERS, SERVER_BEAT, SLAM_BEAT
-from snakeslam.runtime.bus.wire import Beat, Estimate, Order
+from snakeslam.runtime.bus.topics import CAMERA_READY, COMMANDS, ESTIMATES, ESTOP, SERVER_HEARTBEAT, SLAM_HEARTBEAT
+from snakeslam.runtime.bus.wire import Estimate, Heartbeat, SentCommand
 from snakeslam.runtime.robot.safety import SERVER, SLAM
 
 T = TypeVar("T")
@@ -23,24 +23,24 @@ class Inbox:
     """
 
     wake: threading.Event = field(default_factory=threading.Event)
-    estops: deque[Order] = field(default_factory=lambda: deque[Order](maxlen=KEPT))
-    commands: deque[Order] = field(default_factory=lambda: deque[Order](maxlen=KEPT))
-    heartbeats: deque[tuple[str, Beat]] = field(default_factory=lambda: deque[tuple[str, Beat]](maxlen=KEPT))
+    estops: deque[SentCommand] = field(default_factory=lambda: deque[SentCommand](maxlen=KEPT))
+    commands: deque[SentCommand] = field(default_factory=lambda: deque[SentCommand](maxlen=KEPT))
+    heartbeats: deque[tuple[str, Heartbeat]] = field(default_factory=lambda: deque[tuple[str, Heartbeat]](maxlen=KEPT))
     estimates: deque[Estimate] = field(default_factory=lambda: deque[Estimate](maxlen=1))
     camera_ready: threading.Event = field(default_factory=threading.Event)
 
     def subscribe(self, bus: Bus) -> None:
         """Receive from ``bus`` from now on."""
         bus.subscribe(ESTOP, self._add_and_wake(self.estops))
-        bus.subscribe(ORDERS, self._add_and_wake(self.commands))
-        bus.subscribe(SERVER_BEAT, lambda heartbeat: self.heartbeats.append((SERVER, heartbeat)))
-        bus.subscribe(SLAM_BEAT, lambda heartbeat: self.heartbeats.append((SLAM, heartbeat)))
+        bus.subscribe(COMMANDS, self._add_and_wake(self.commands))
+        bus.subscribe(SERVER_HEARTBEAT, lambda heartbeat: self.heartbeats.append((SERVER, heartbeat)))
+        bus.subscribe(SLAM_HEARTBEAT, lambda heartbeat: self.heartbeats.append((SLAM, heartbeat)))
         bus.subscribe(ESTIMATES, self.estimates.append)
         bus.subscribe(CAMERA_READY, lambda _: self.camera_ready.set())
 
-    def _add_and_wake(self, queue: "deque[Order]") -> Callable[[Order], None]:
-        def add(order: Order) -> None:
-            queue.append(order)
+    def _add_and_wake(self, queue: "deque[SentCommand]") -> Callable[[SentCommand], None]:
+        def add(sent: SentCommand) -> None:
+            queue.append(sent)
             self.wake.set()
 
         return add

@@ -22,7 +22,7 @@ from collections.abc import Mapping
 from snakeslam.messages import Float, JointTarget
 from snakeslam.robot.limits import JointLimits
 from snakeslam.runtime.bus.commands import BackUp, Drive, Start
-from snakeslam.runtime.bus.wire import Order
+from snakeslam.runtime.bus.wire import SentCommand
 from snakeslam.runtime.robot.admission import FUTURE_NS, Admission
 from snakeslam.runtime.robot.deadman import DEADMAN_NS, INPUT_SILENT, DeadmanInputs
 from snakeslam.runtime.robot.target_guard import TargetGuard
@@ -93,11 +93,11 @@ class Safety:
         """Why the robot is held until it is started again; None when it is not."""
         return self._guard.held_because
 
-    def refusal(self, order: Order, now_ns: int) -> str | None:
-        """Return why ``order`` is dropped; None when it is admitted."""
-        command, refusal = order.command, self._admission.refusal(order, now_ns)
+    def refusal(self, sent: SentCommand, now_ns: int) -> str | None:
+        """Return why ``sent`` is dropped; None when it is admitted."""
+        command, refusal = sent.command, self._admission.refusal(sent, now_ns)
         moves = isinstance(command, Start | BackUp) or (isinstance(command, Drive) and command.drive != 0.0)
-        if refusal is None and moves and self._held_ns is not None and order.stamp_ns < self._held_ns:
+        if refusal is None and moves and self._held_ns is not None and sent.stamp_ns < self._held_ns:
             return BEFORE_THE_HOLD
         return refusal
 

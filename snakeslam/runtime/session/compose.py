@@ -1,4 +1,4 @@
-"""One picture of the session from what robot and slam say of themselves; pure."""
+"""One state of the session from the states of robot and slam; pure."""
 
 from dataclasses import replace
 
@@ -14,7 +14,7 @@ SILENT = Health(Verdict.LOST, ("the estimator is silent",))
 
 
 def tick(robot: RobotState, slam: SlamState | None, sender: str, *, slam_alive: bool = True) -> Tick:
-    """Return the state of both, with the answers to ``sender``; the pose of a silent slam stays where it was."""
+    """Return both states as one, with the answer to ``sender``; a silent slam keeps its last pose."""
     answer = next((answer for answer in robot.answers if answer.sender == sender), Answer(sender, 0))
     health = NO_ESTIMATE if slam is None else slam.health
     return Tick(
@@ -45,7 +45,7 @@ def tick(robot: RobotState, slam: SlamState | None, sender: str, *, slam_alive: 
 
 
 def started(t_start_ns: int, mode: str, rig: SensorRig, model: SnakeModel | None, gait: GaitCommand | None) -> Started:
-    """Return what there is to draw."""
+    """Return what the page needs to draw the session."""
     camera = rig.cam0
     width, height = camera.resolution
     shape = None

@@ -15,18 +15,18 @@ from snakeslam.runtime.assembly.spec import SessionSpec
 from snakeslam.runtime.bus.bus import Bus
 from snakeslam.runtime.bus.commands import Command, ControlPlayback, EStop, Shutdown, Stop
 from snakeslam.runtime.bus.link import Link, unix_endpoint
-from snakeslam.runtime.bus.orders import Sender
+from snakeslam.runtime.bus.sender import Sender
 from snakeslam.runtime.bus.shapes import hello_sizes
 from snakeslam.runtime.bus.topics import (
     CHUNKS,
+    COMMANDS,
     ESTOP,
     FEATURES,
     HELLO,
-    ORDERS,
-    PICTURES,
+    JPEG_IMAGES,
     ROBOT_EVENTS,
     ROBOT_STATE,
-    SERVER_BEAT,
+    SERVER_HEARTBEAT,
     SLAM_EVENTS,
     SLAM_STATE,
     Ended,
@@ -37,7 +37,7 @@ from snakeslam.runtime.bus.topics import (
     Silence,
     SlamState,
 )
-from snakeslam.runtime.bus.wire import Beat, Hello
+from snakeslam.runtime.bus.wire import Heartbeat, Hello
 from snakeslam.runtime.nodes.robot import run_robot
 from snakeslam.runtime.nodes.slam import run_slam
 from snakeslam.runtime.process.clock import RobotClock
@@ -126,9 +126,9 @@ class NodesHost:
             age_ns = 0 if made_s is None else round((monotonic() - made_s) * 1e9)
             if isinstance(command, ControlPlayback | Shutdown):
                 raise BrokenPipeError(f"a robot has no {type(command).__name__}")
-            order = self._sender.order(command, (now_ns or 0) - age_ns)
-            bus.publish(ESTOP if isinstance(command, EStop) else ORDERS, order)
-            return order.number
+            sent = self._sender.stamped(command, (now_ns or 0) - age_ns)
+            bus.publish(ESTOP if isinstance(command, EStop) else COMMANDS, sent)
+            return sent.number
 
     def pulse(self) -> None:
         """Note an iteration of the server's event loop."""
@@ -171,7 +171,7 @@ class NodesHost:
         bus.subscribe(HELLO, self._on_hello)
         bus.subscribe(ROBOT_STATE, self._on_robot_state)
         bus.subscribe(SLAM_STATE, self._on_slam_state)
-        for topic in (PICTURES, FEATURES, CHUNKS, ROBOT_EVENTS, SLAM_EVENTS):
+        for topic in (JPEG_IMAGES, FEATURES, CHUNKS, ROBOT_EVENTS, SLAM_EVENTS):
             bus.subscribe(topic, self._on_report)
         self._bus = bus
 
@@ -188,7 +188,7 @@ class NodesHost:
         self._report_silence()
         bus, now_ns = self._bus, self._clock.now_ns()
         if bus is not None and now_ns is not None and monotonic() - self._pulse_s < SLOWEST_PULSE_S:
-            bus.publish(SERVER_BEAT, Beat(self._sender.name, now_ns))
+            bus.publish(SERVER_HEARTBEAT, Heartbeat(self._sender.name, now_ns))
 
     def _report_silence(self) -> None:
         with self._lock:

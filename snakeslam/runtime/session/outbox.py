@@ -1,4 +1,4 @@
-"""The sending end of the session's pipe: never blocks the loop, whatever the reader does."""
+"""Sends a session's reports over its pipe without ever blocking the loop."""
 
 import threading
 from collections import deque
@@ -6,7 +6,7 @@ from multiprocessing.connection import Connection
 
 import structlog
 
-from snakeslam.runtime.bus.topics import Event, Features, Picture, Report, Tick
+from snakeslam.runtime.bus.topics import Event, Features, JpegImage, Report, Tick
 from snakeslam.runtime.process.log_limit import error_words
 
 MAX_EVENTS = 500
@@ -14,12 +14,12 @@ _log = structlog.get_logger("session")
 
 
 class Outbox:
-    """A thread that sends: the newest tick and picture only, every chunk, the last events."""
+    """A thread that sends the newest tick, image and features, every map chunk, and the last events."""
 
     def __init__(self, pipe: "Connection[Report, object]") -> None:
         self._pipe = pipe
         self._changed = threading.Condition()
-        self._kept: deque[Report] = deque()
+        self._lossless: deque[Report] = deque()
         self._events: deque[Event] = deque(maxlen=MAX_EVENTS)
         self._newest: dict[type, Report] = {}
         self._closing = False
@@ -32,18 +32,18 @@ class Outbox:
         return not self._thread.is_alive()
 
     def put(self, report: Report) -> None:
-        """Hand over a report; returns at once."""
+        """Queue a report; returns at once."""
         with self._changed:
-            if isinstance(report, Tick | Picture | Features):
+            if isinstance(report, Tick | JpegImage | Features):
                 self._newest[type(report)] = report
             elif isinstance(report, Event):
                 self._events.append(report)
             else:
-                self._kept.append(report)
+                self._lossless.append(report)
             self._changed.notify()
 
     def close(self, timeout_s: float = 2.0) -> None:
-        """Send what is left, as far as the reader takes it."""
+        """Send what is left, as far as the reader accepts it within ``timeout_s``."""
         with self._changed:
             self._closing = True
             self._changed.notify()
@@ -62,12 +62,12 @@ class Outbox:
     def _next(self) -> list[Report] | None:
         """Wait for reports; None at the end."""
         with self._changed:
-            self._changed.wait_for(lambda: self._kept or self._events or self._newest or self._closing)
-            if not (self._kept or self._events or self._newest):
+            self._changed.wait_for(lambda: self._lossless or self._events or self._newest or self._closing)
+            if not (self._lossless or self._events or self._newest):
                 return None
-            # An `Ended` among the kept must stay the last word.
-            batch = [*self._events, *self._newest.values(), *self._kept]
-            self._kept.clear()
+            # An `Ended` must stay the last report.
+            batch = [*self._events, *self._newest.values(), *self._lossless]
+            self._lossless.clear()
             self._events.clear()
             self._newest.clear()
             return batch

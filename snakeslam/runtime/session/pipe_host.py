@@ -1,4 +1,4 @@
-"""The server's end of a session of one process, as a recording has it."""
+"""The server's end of a session that is one process: a recording."""
 
 import contextlib
 import threading
@@ -18,30 +18,30 @@ Put = Callable[[Report], None]
 
 
 class Host(Protocol):
-    """A session's processes as the server knows them; ``put`` of ``start`` is called from threads of the host."""
+    """A session's processes as the server sees them; ``put`` of ``start`` is called from threads of the host."""
 
     def start(self, put: Put) -> None:
-        """Start everything; blocks for as long as processes take to be made."""
+        """Start everything; blocks while the processes are created."""
         ...
 
     def send(self, command: Command, made_s: float | None = None) -> int:
-        """Send a command made at ``made_s`` (monotonic, None: now); OSError when it cannot go.
+        """Send a command made at ``made_s`` (monotonic, None: now); OSError when it cannot be sent.
 
         Return the number that ``Tick.commands_done`` reaches when it is obeyed.
         """
         ...
 
     def pulse(self) -> None:
-        """Say that the server's own loop gets on: without it the robot is told no more that the server lives."""
+        """Note an iteration of the server's event loop: without them the robot gets no heartbeat of the server."""
         ...
 
     def stop(self) -> None:
-        """End everything; the robot comes to a hold first."""
+        """End everything, after the robot was brought to a hold."""
         ...
 
 
 class PipeHost:
-    """One process, its pipe, and the thread that reads it; ``start_process`` makes the two."""
+    """One process, its pipe, and the threads on it; ``start_process`` creates process and pipe."""
 
     def __init__(self, spec: SessionSpec, start_process: Callable[[SessionSpec], Any] = start_session) -> None:
         self._spec, self._start_process = spec, start_process
@@ -60,7 +60,7 @@ class PipeHost:
         threading.Thread(target=self._write, args=(self._pipe,), name="session-writer", daemon=True).start()
 
     def send(self, command: Command, made_s: float | None = None) -> int:
-        """Send a command; never waits, though the process may be frozen and its pipe full; its age does not matter."""
+        """Queue a command, whatever its age; never waits, although the process may be frozen and its pipe full."""
         del made_s
         with self._sending:
             if self._pipe is None or self._pipe.closed:
@@ -73,7 +73,7 @@ class PipeHost:
         """Nothing here moves."""
 
     def stop(self) -> None:
-        """Ask the process to end, then insist."""
+        """Ask the process to end, and kill it if it does not."""
         if self._process is None:
             return
         with contextlib.suppress(OSError):
@@ -89,13 +89,13 @@ class PipeHost:
         self._process.close()
 
     def _write(self, pipe: "Connection[Command, Report]") -> None:
-        """Write what was sent; a process that is gone needs nothing more, and its reader tells of it."""
+        """Write what was sent; the end of the process is reported by the reader."""
         with contextlib.suppress(OSError):
             while (command := self._waiting.get()) is not None:
                 pipe.send(command)
 
     def _read(self, pipe: "Connection[Command, Report]", put: Put) -> None:
-        """Hand on every report; a pipe that ends without a last word is a crash."""
+        """Pass on every report; a pipe that ends without an ``Ended`` is a crash."""
         ended = False
         try:
             while True:
@@ -104,7 +104,7 @@ class PipeHost:
                 put(report)
         except (EOFError, OSError):
             pipe.close()
-        except Exception as error:  # noqa: BLE001  (what cannot be read ends the session, and says so)
+        except Exception as error:  # noqa: BLE001  (reports that cannot be read end the session with an error)
             pipe.close()
             if not ended:
                 put(Ended(f"the session's reports cannot be read: {error_words(error)}"))

@@ -1,6 +1,6 @@
 """How a recording plays: pause, speed, single frames and seeking; pure, with the clock given.
 
-The estimator runs through a recording once. What it said of each frame is kept, so that seeking back shows exactly what
+The estimator runs through a recording once. Its result at each frame is kept, so that seeking back shows exactly what
 was computed, and seeking ahead computes up to the frame as fast as the machine can.
 """
 
@@ -77,7 +77,7 @@ class Player:
             self._seek((self.shown if self._goal is None else self._goal) + command.step)
         if command.paused is not None:
             if not command.paused and command.position_s is None and self.at_end:
-                self._seek(0)  # Play at the end begins anew, as video players do.
+                self._seek(0)  # Play at the end begins again at the first frame, as in video players.
             self.paused = command.paused
         self._paced.clear()
         self._anchor()
@@ -91,7 +91,7 @@ class Player:
         return self.shown + 1
 
     def on_shown(self, frame: int) -> None:
-        """Take note that ``frame`` has been computed, if it was new, and is shown."""
+        """Note that ``frame`` is shown, and has been computed if it was new."""
         self.shown, self.computed = frame, max(frame, self.computed)
         self._paced.append((self._clock(), self._stamps_ns[frame]))
         if self._goal is not None and frame == self._goal:

@@ -1,8 +1,8 @@
 """The session of a recording: one child process that plays it, at real time or as the operator asks (``playback``).
 
-A recording has nothing to protect and nothing to lose: slam waits for every image. The host starts it with a
-``SessionSpec`` and talks to it over a pipe (``topics``); it ends with its host. At its end it stays, so that it can be
-looked at again. A robot runs in ``robot_node`` and ``slam_node`` instead.
+A recording needs no safety and misses no frame: the loop is that of a scripted run. The host starts it with a
+``SessionSpec``, exchanges commands and reports with it over a pipe, and ends it. At the end of the recording it stays,
+so that frames can be shown again. A live robot runs in `nodes.robot` and `nodes.slam` instead.
 """
 
 import multiprocessing
@@ -28,16 +28,16 @@ from snakeslam.runtime.session.lockstep import build_loop
 from snakeslam.runtime.session.outbox import Outbox
 from snakeslam.runtime.session.playback import MOMENTS_KEPT, Moment, Player
 from snakeslam.runtime.slam.sensor_watch import SensorWatch
+from snakeslam.runtime.view.jpeg import jpeg_of
 from snakeslam.runtime.view.live import PERIOD_S, LiveSink
-from snakeslam.runtime.view.pictures import picture_of
 from snakeslam.threads import use_one_thread
 
 IDLE_S = 0.25
-"""How often a recording that is paused, or at its end, says so."""
+"""How often the state is reported while the recording is paused or at its end."""
 
 
 class _Sink(LiveSink):
-    """Keeps the newest joint angles, which otherwise the robot reports, and the newest frame."""
+    """Keeps the newest frame, and the newest joint angles, which live are reported by the robot node."""
 
     q_measured_rad: Float | None = None
     frame: CameraFrame | None = None
@@ -56,7 +56,7 @@ class _Sink(LiveSink):
 
 
 class Session:
-    """The loop over a recording, in the child; no process or pipe in sight."""
+    """The loop over a recording; without process or pipe."""
 
     def __init__(self, spec: SessionSpec, put: Callable[[Report], None]) -> None:
         assert spec.recording is not None
@@ -66,7 +66,7 @@ class Session:
         self._recorded = self.backend.recorded
         config = _with_estimator_mode(spec, self.backend)
         self._mode = config.estimator.mode
-        # The visual estimator starts level with its camera, however that is held.
+        # The visual estimator takes its first camera image as level, however the camera was held.
         R_IC = self.backend.rig.cam0.T_IC[:3, :3]
         self._sink = _Sink(self.backend.model, self._on_report, R_IC, gravity_known=self._mode != "visual")
         self._sink.watch = SensorWatch.of(self.backend.rig, self._mode, joints=self.backend.model is not None)
@@ -81,8 +81,8 @@ class Session:
         for note in self._recorded.notes:
             put(Event(self.backend.t_ns, "warning", note))
 
-    def take(self, command: Command) -> None:
-        """Control the playback; there is nothing else here that could be commanded."""
+    def on_command(self, command: Command) -> None:
+        """Control the playback; other commands have no effect on a recording."""
         self._done += 1
         if isinstance(command, ControlPlayback):
             self._player.control(command)
@@ -100,7 +100,7 @@ class Session:
             frame, self._shown = self._recorded.read_frame(k), self._moments[k - self._player.oldest]
         self._player.on_shown(k)
         self._player.oldest = self._player.computed + 1 - len(self._moments)
-        # On the way to the frame that was asked for, and at a high speed, not every frame is drawn.
+        # While seeking, and at a high speed, not every frame is shown.
         if self._player.next() is None or monotonic() - self._reported_s >= PERIOD_S:
             self._show(frame)
         return self._player.wait_s()
@@ -130,13 +130,13 @@ class Session:
         self._put(replace(compose.tick(robot, slam, ""), playback=self._player.state()))
 
     def _compute(self) -> CameraFrame:
-        """Run the estimator through the packets up to the next frame, and keep what it says of it."""
+        """Run the estimator through the packets up to the next frame, and keep its result there."""
         self._sink.frame = None
         while self._sink.frame is None:
             if not self._loop.step():
                 raise SnakeslamError("the recording ended before its last frame")
         if self._player.computed + 2 == self._player.count:
-            self._loop.step()  # The end: the ground truth of the last frame comes with it.
+            self._loop.step()  # The end of the recording has the ground truth of the last frame.
         assert self._features is not None
         state = self._sink.state("", self._mode, self._sink.watch.faults())
         self._shown = Moment.of(state, self._sink.q_measured_rad, self._features)
@@ -146,12 +146,12 @@ class Session:
     def _show(self, frame: CameraFrame) -> None:
         """Send the frame's image, its features and a tick."""
         assert self._shown is not None
-        self._put(picture_of(frame))
+        self._put(jpeg_of(frame))
         self._put(self._shown.features())
         self.report()
 
     def _idle(self) -> float:
-        """Say now and then that all stands still, and once that the end has come."""
+        """Report the unchanged state every IDLE_S, and the end of the recording once."""
         if monotonic() - self._reported_s >= IDLE_S:
             self.report()
         if self._player.at_end and not self._end_reported:
@@ -161,7 +161,7 @@ class Session:
         return IDLE_S
 
     def _on_report(self, report: Report) -> None:
-        """Pass on what the sink says; features are shown with their frame."""
+        """Pass on a report of the sink; features are kept until their frame is shown."""
         if isinstance(report, Features):
             self._features = report
         else:
@@ -195,22 +195,22 @@ def _run(spec: SessionSpec, pipe: "Connection[Report, Command]", outbox: Outbox)
     session = Session(spec, outbox.put)
     wait_s = 0.0
     try:
-        while not outbox.broken and _obey(session, pipe, wait_s):
+        while not outbox.broken and _handle_commands(session, pipe, wait_s):
             wait_s = session.step()
     finally:
         session.backend.close()
     outbox.put(Ended(None))
 
 
-def _obey(session: Session, pipe: "Connection[Report, Command]", wait_s: float) -> bool:
-    """Take commands for ``wait_s``, at least those that are there; False when the session shall end."""
+def _handle_commands(session: Session, pipe: "Connection[Report, Command]", wait_s: float) -> bool:
+    """Handle commands for ``wait_s``, at least those that are there; return False when the session is to end."""
     until = monotonic() + wait_s
     try:
         while pipe.poll(max(0.0, until - monotonic())):
             command = pipe.recv()
             if isinstance(command, Shutdown):
                 return False
-            session.take(command)
+            session.on_command(command)
             until = monotonic()
     except (EOFError, OSError):
         return False  # The host is gone.

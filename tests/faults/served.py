@@ -1,4 +1,4 @@
-"""An operator's hand that holds the drive down, a served robot's processes, and what its servos get."""
+"""A served robot with its processes, what its servos get, and a teleop client that holds the drive down."""
 
 import json
 import os
@@ -25,24 +25,24 @@ from tests.server.running import START_S, TOKEN, Running, children, is_ready, st
 PERIOD_S, PING_EVERY = 0.05, 10
 LEASE_S = 3600
 ROBOT, SLAM, SERVER = "snakeslam:robot", "snakeslam:slam", "server"
-STILL = 30
-"""Targets of one and the same angles that are called rest, 0.3 s."""
+STATIONARY_STEPS = 30
+"""The robot counts as stationary after this many equal targets, 0.3 s."""
 
 
-class HeldHand:
-    """A teleop client at 20 Hz in a thread of its own; what it holds it goes on holding, on a new socket if need be."""
+class TeleopClient:
+    """A teleop client at 20 Hz in a thread of its own; it goes on sending its drive, on a new socket if need be."""
 
     def __init__(self, server: Running) -> None:
         self._server = server
         with server.client() as client:
-            lease = client.post("/api/v1/control/lease", json={"name": "hand", "seconds": LEASE_S, "take_over": True})
+            lease = client.post("/api/v1/control/lease", json={"name": "driver", "seconds": LEASE_S, "take_over": True})
             self.key = str(lease.raise_for_status().json()["key"])
         self.drive, self.sockets = 0.0, 0
         self.answers: list[tuple[float, str]] = []
         """What was sent, and why it was refused (else ""), since the last press or release."""
         self._socket: ClientConnection | None = None
         self._over = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="hand", daemon=True)
+        self._thread = threading.Thread(target=self._run, name="teleop", daemon=True)
         self._thread.start()
         wait_for(lambda: self.sockets)
 
@@ -50,7 +50,7 @@ class HeldHand:
         """Hold the drive down from now on; wait for the first answer."""
         self._change(1.0)
 
-    def let_go(self) -> None:
+    def release(self) -> None:
         """Send one zero and wait for its answer."""
         self._change(0.0)
 
@@ -65,7 +65,7 @@ class HeldHand:
         return self.answers[-1][1]
 
     def drop(self) -> None:
-        """Lose the connection, without a word."""
+        """Cut the connection without closing it."""
         if self._socket is not None:
             self._socket.socket.shutdown(SHUT_RDWR)
 
@@ -76,28 +76,28 @@ class HeldHand:
 
     def _run(self) -> None:
         while not self._over.is_set():
-            # Whatever ends the socket, the hand holds on and comes back.
+            # Whatever ends the socket, the client opens another one and goes on.
             with suppress(WebSocketException, OSError, TimeoutError):
-                self._hold_on()
+                self._serve_socket()
             self._over.wait(0.2)
 
-    def _hold_on(self) -> None:
+    def _serve_socket(self) -> None:
         url, bearer = f"{self._server.websocket}/api/v1/teleop", {"Authorization": f"Bearer {TOKEN}"}
         with connect(url, additional_headers=bearer, open_timeout=30, ping_interval=None) as socket:
             socket.send(json.dumps({"type": "hello", "lease": self.key}))
             self._ping(socket)
             self._wait_for_pong(socket)
             self._socket, self.sockets = socket, self.sockets + 1
-            before, beat = 0.0, 0
+            before, k = 0.0, 0
             sent: dict[int, float] = {}
             while not self._over.wait(PERIOD_S):
-                beat += 1
-                if beat % PING_EVERY == 0:
+                k += 1
+                if k % PING_EVERY == 0:
                     self._ping(socket)
                 drive = self.drive
                 if drive != 0.0 or before != 0.0:
-                    sent[beat] = drive
-                    self._send(socket, type="drive", seq=beat, drive=drive)
+                    sent[k] = drive
+                    self._send(socket, type="drive", seq=k, drive=drive)
                 before = drive
                 with suppress(TimeoutError):
                     while True:
@@ -117,7 +117,7 @@ class HeldHand:
 
 
 class Watcher:
-    """What the robot node publishes, heard over a bus of its own."""
+    """What the robot node publishes, over a connection to the bus of its own."""
 
     def __init__(self, endpoint: Link) -> None:
         self._lock = threading.Lock()
@@ -133,13 +133,13 @@ class Watcher:
         return self.states[-1][1]
 
     def fresh(self, since_s: float) -> bool:
-        """Whether the robot node has been heard since then."""
+        """Return whether a state has arrived since then."""
         return bool(self.states) and self.states[-1][0] > since_s
 
     def forget(self) -> None:
-        """Drop what was heard so far, but for the last of it."""
+        """Drop what was received so far, except for the last of it."""
         with self._lock:
-            del self._steps[:-STILL]
+            del self._steps[:-STATIONARY_STEPS]
         del self.states[:-1]
 
     def motion_rad(self, since_ns: int) -> float:
@@ -149,11 +149,11 @@ class Watcher:
         pairs = [(b, a) for (_, a), (stamp, b) in pairwise(steps) if stamp >= since_ns]
         return float(np.max(np.sum([np.abs(b - a) for b, a in pairs], axis=0))) if pairs else 0.0
 
-    def still(self) -> bool:
-        """Whether the last STILL targets are one and the same."""
+    def stationary(self) -> bool:
+        """Return whether the last STATIONARY_STEPS targets are equal."""
         with self._lock:
-            last = self._steps[-STILL:]
-        return len(last) == STILL and all(np.array_equal(q, last[0][1]) for _, q in last)
+            last = self._steps[-STATIONARY_STEPS:]
+        return len(last) == STATIONARY_STEPS and all(np.array_equal(q, last[0][1]) for _, q in last)
 
     def close(self) -> None:
         """Leave the bus."""
@@ -180,7 +180,7 @@ class Served:
         (socket,) = folder.glob("**/bus.sock")
         self.watcher = Watcher(Link(unix_endpoint(socket.parent)))
         wait_for(lambda: self.watcher.states)
-        self.hand = HeldHand(self.server)
+        self.driver = TeleopClient(self.server)
 
     def pid(self, name: str) -> int:
         """Return the process of the server or of one of its nodes."""
@@ -196,15 +196,15 @@ class Served:
 
     def post(self, path: str) -> httpx.Response:
         """Command like a page that has control."""
-        return self.client.post(f"/api/v1{path}", headers={"Control-Lease": self.hand.key})
+        return self.client.post(f"/api/v1{path}", headers={"Control-Lease": self.driver.key})
 
-    def move_by_hand(self) -> None:
-        """Let go, press, and wait until the servos move."""
+    def move_by_drive(self) -> None:
+        """Release, press, and wait until the servos move."""
 
         def pressed() -> bool:
-            self.hand.let_go() if self.hand.drive else None
-            self.hand.press()
-            return self.hand.refusal == ""
+            self.driver.release() if self.driver.drive else None
+            self.driver.press()
+            return self.driver.refusal == ""
 
         wait_for(pressed, START_S)
         self.wait_moving()
@@ -220,12 +220,12 @@ class Served:
         wait_for(lambda: self.watcher.state.moving and self.watcher.motion_rad(0) > 0.02)
 
     def moves_since(self, since_s: float, watched_s: float) -> bool:
-        """Watch for a while since ``since_s``; return whether the robot moved at any time, or does not come to rest."""
+        """Watch for a while since ``since_s``; return whether the robot moved at any time, or does not stop."""
         since_ns = round(since_s * 1e9)
         until_ns = since_ns + round(watched_s * 1e9)
         wait_for(lambda: self.watcher.state.stamp_ns > until_ns, START_S)
         moved = any(state.moving for _, state in list(self.watcher.states) if state.stamp_ns > since_ns)
-        wait_for(self.watcher.still)
+        wait_for(self.watcher.stationary)
         return moved or self.watcher.state.moving
 
     @contextmanager
@@ -240,7 +240,7 @@ class Served:
 
     def close(self) -> int:
         """End everything; return the server's exit code."""
-        self.hand.close()
+        self.driver.close()
         self.watcher.close()
         self.client.close()
         return self.server.stop()

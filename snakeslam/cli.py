@@ -300,8 +300,8 @@ def _experiment(
 
     what = _what(config, recording, duration_s)
 
-    def began(place: Path) -> None:
-        typer.echo(f"running: {what}; goes to {place}", err=True)
+    def began(folder: Path) -> None:
+        typer.echo(f"running: {what}; goes to {folder}", err=True)
 
     with _terminable(), _progress(report) as progress:
         result = run_experiment(config, recording, duration_s, out, progress, None if report else began)
@@ -369,13 +369,13 @@ def _progress(as_json: bool) -> Generator[Callable[[float], None] | None]:
 
 def _progress_lines() -> Callable[[float], None]:
     """Return what shows the progress where there is no terminal: a line each tenth, LINE_S apart or more."""
-    told, at_s = 0, monotonic()
+    shown, at_s = 0, monotonic()
 
     def line(fraction: float) -> None:
-        nonlocal told, at_s
+        nonlocal shown, at_s
         tenth = math.floor(fraction * 10)
-        if told < tenth < 10 and monotonic() - at_s >= LINE_S:
-            told, at_s = tenth, monotonic()
+        if shown < tenth < 10 and monotonic() - at_s >= LINE_S:
+            shown, at_s = tenth, monotonic()
             typer.echo(f"{10 * tenth} % done", err=True)
 
     return line

@@ -9,7 +9,7 @@ from snakeslam.gaits.command import commanded_gait
 from snakeslam.head.command import commanded_head
 from snakeslam.head.controller import HeadControl, HeadSense
 from snakeslam.head.laws import check, settled
-from snakeslam.head.line import TURN_RATE_RAD_S
+from snakeslam.head.line import STEERING_RATE_RAD_S
 from snakeslam.head.settings import HeadSettings
 from snakeslam.messages import Float, GaitCommand, HeadCommand, ImuSample, JointState, JointTarget, PoseEstimate
 from snakeslam.robot.limits import LimitedFollower
@@ -31,7 +31,7 @@ class Control:
         self._configured = gait
         self._straight = self._turned = self._gait = resolve(gait, model)
         head = settled(head, model, self._gait)
-        self._drive, self._turn = 0.0, 0.0
+        self._drive, self._steering = 0.0, 0.0
         self.throttle = 1.0
         """Share of the commanded drive that is played, 0 to 1."""
         self._t_ns: int | None = None
@@ -57,19 +57,19 @@ class Control:
         settings = commanded_gait(command, self._configured)
         straight, turned = resolve(settings, self._model), resolve(settings, self._model, command.turn)
         check(self.head, self._model, turned)
-        self._straight, self._turned, self._drive, self._turn = straight, turned, command.drive, command.turn
+        self._straight, self._turned, self._drive, self._steering = straight, turned, command.drive, command.turn
         self._play()
 
     def command_head(self, command: HeadCommand) -> None:
         """Hold the head as the operator commands; InputError, and no change, where it cannot be done."""
         settings = commanded_head(command, self.head, self._model, self._gait)
         if settings != self.head:
-            self._hand_back()
+            self._release_neck()
             self._head = HeadControl(self._model, settings, self._head.sense)
             self._blend.set_shape(self._head.shape)
             self._play()
         if command.turn_by_deg is not None:
-            self._head.sense.line.turn_by(math.radians(command.turn_by_deg))
+            self._head.sense.line.steer_by(math.radians(command.turn_by_deg))
 
     def _play(self) -> None:
         """Play the commanded gait; a head that is held on a line turns the robot by the line, not by the gait."""
@@ -95,18 +95,18 @@ class Control:
         """Return the gait's angles with the head's control over them."""
         q_rad = self._blend.step(self._drive * self.throttle, dt_s)
         if self._head.engaged and not self._head.fits(self._blend.gait):
-            q_rad = self._hand_back(dt_s)
+            q_rad = self._release_neck(dt_s)
         if not self._head.feeds_back(self._blend.gait):
             return q_rad
         if self._head.steers(self._blend.gait):
-            self._head.sense.line.turn_by(self._turn * TURN_RATE_RAD_S * abs(self._blend.pace) * dt_s)
+            self._head.sense.line.steer_by(self._steering * STEERING_RATE_RAD_S * abs(self._blend.pace) * dt_s)
         return self._head.step(q_rad, self._blend, self._follower.q_rad, joints, dt_s)
 
-    def _hand_back(self, dt_s: float = 0.0) -> Float:
+    def _release_neck(self, dt_s: float = 0.0) -> Float:
         """Let the blend go on from where feedback has brought the neck, ``dt_s`` later."""
         q_rad, dq_rad_s = self._follower.q_rad, self._follower.dq_rad_s
         if self._head.engaged:
-            self._blend.take_up(q_rad + dq_rad_s * dt_s, dq_rad_s)
+            self._blend.resume_from(q_rad + dq_rad_s * dt_s, dq_rad_s)
             self._head.disengage()
         return q_rad + dq_rad_s * dt_s
 

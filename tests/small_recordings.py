@@ -119,5 +119,5 @@ def write_robot(folder: Path, seconds: float = 2.0) -> Path:
     while (packets := robot.step(None)) is not None:
         for packet in packets:
             writer.add(packet)
-    writer.finish(robot.take_ground_truth())
+    writer.finish(robot.read_ground_truth())
     return folder

@@ -13,7 +13,7 @@ from snakeslam.errors import InputError
 from snakeslam.gaits.catalogue import ResolvedGait, resolve
 from snakeslam.gaits.command import commanded_gait
 from snakeslam.head.catalogue import HEAD_CATALOGUE, HeadEntry
-from snakeslam.head.command import MOST_TURN_DEG, commanded_head
+from snakeslam.head.command import MOST_STEERING_DEG, commanded_head
 from snakeslam.head.laws import check, effect
 from snakeslam.head.neck import most_neck_joints, neck_joints_of
 from snakeslam.head.settings import LEAST_NECK_JOINTS, HeadController, HeadSettings
@@ -33,7 +33,7 @@ class HeadRequest(BaseModel):
     controller: HeadController | None = None
     neck_joints: int | None = None
     """Yaw joints of the neck."""
-    turn_by_deg: Annotated[float, Field(ge=-MOST_TURN_DEG, le=MOST_TURN_DEG)] | None = None
+    turn_by_deg: Annotated[float, Field(ge=-MOST_STEERING_DEG, le=MOST_STEERING_DEG)] | None = None
     """Turns the head's reference line, and so the robot; positive to the left."""
 
 
@@ -91,7 +91,7 @@ async def get_head(services: ServicesDep) -> HeadAnswer:
             max=most_neck_joints(model),
             default=neck_joints_of(live.view.config.head, model),
         ),
-        turn_by_deg=Limits(min=-MOST_TURN_DEG, max=MOST_TURN_DEG),
+        turn_by_deg=Limits(min=-MOST_STEERING_DEG, max=MOST_STEERING_DEG),
         stillness=head_motion(topics.HeadMotion() if tick is None else tick.head),
     )
 

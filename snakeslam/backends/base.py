@@ -16,7 +16,7 @@ from snakeslam.robot.model import SnakeModel
 class RemoteCamera(Protocol):
     """A camera whose frames are drawn in another process, by a ``FrameSource``."""
 
-    def take_exposures(self) -> Sequence[CameraExposure]:
+    def read_exposures(self) -> Sequence[CameraExposure]:
         """Return what is to be drawn since the last call."""
         ...
 
@@ -123,7 +123,7 @@ class Backend(Protocol):
         ...
 
     @abstractmethod
-    def take_ground_truth(self) -> Sequence[GroundTruth]:
+    def read_ground_truth(self) -> Sequence[GroundTruth]:
         """Return the truth since the last call, at IMU times; for evaluation, display and the recorder only."""
         ...
 

@@ -86,7 +86,7 @@ class GaitBlend:
         self._shape = shape
         self._keep(before)
 
-    def take_up(self, q_rad: Float, dq_rad_s: Float) -> None:
+    def resume_from(self, q_rad: Float, dq_rad_s: Float) -> None:
         """Go on from these angles (N,) rad and rates (N,) rad/s, to which another hand has brought the joints."""
         q_gait, rate_gait = self._angles_and_rates()
         self._left = q_rad - q_gait

@@ -1,4 +1,4 @@
-"""The head controller in force: the shape that it lays over the gait, and what it does to the targets."""
+"""The head controller in force: the shape that it adds to the gait, and its feedback on the targets."""
 
 import numpy as np
 
@@ -18,7 +18,7 @@ from snakeslam.robot.support import posture_loads
 
 
 class HeadSense:
-    """What is known of the head, whatever controls it: the line and the attitude, brought up to date each step."""
+    """The head's line, attitude and rate, propagated at each step whatever controls the head."""
 
     def __init__(self) -> None:
         self.line = HeadLine()
@@ -26,7 +26,7 @@ class HeadSense:
         self.gyro_I: Float = np.zeros(3)
 
     def update(self, t_ns: int, pose: PoseEstimate | None, imu: ImuSample | None) -> None:
-        """Go on to ``t_ns`` with the newest estimate and IMU sample."""
+        """Propagate to ``t_ns`` with the newest estimate and IMU sample."""
         self.line.update(t_ns, pose, imu)
         self.attitude.update(t_ns, pose, imu)
         if imu is not None:
@@ -34,7 +34,7 @@ class HeadSense:
 
 
 class HeadControl:
-    """One controller with its settings; made anew for others, but for what is sensed."""
+    """One controller with its settings; other settings need another object, which shares ``sense``."""
 
     def __init__(self, model: SnakeModel, settings: HeadSettings, sense: HeadSense) -> None:
         self.settings = settings
@@ -43,12 +43,12 @@ class HeadControl:
         self._neck = neck_of(model, neck_joints_of(settings, model))
         self._loads = posture_loads(model)
         prepare(model, self._neck)
-        self._hand: PredictiveNeck | LevelNeck | None = None
+        self._law: PredictiveNeck | LevelNeck | None = None
         self._q_rad: Float = model.rest_q_rad
         self.shape: Shape = HeadShape(settings.controller, model, self._neck)
 
     def feeds_back(self, gait: ResolvedGait) -> bool:
-        """Return whether the neck's targets come from here in this gait, not from the blend."""
+        """Return whether the neck's targets come from feedback in this gait, not from the blend."""
         return feeds_back(self.settings.controller, gait)
 
     def steers(self, gait: ResolvedGait) -> bool:
@@ -57,33 +57,33 @@ class HeadControl:
 
     @property
     def engaged(self) -> bool:
-        """Whether the neck's targets come from here now."""
-        return self._hand is not None
+        """Whether the neck's targets come from feedback now."""
+        return self._law is not None
 
     def fits(self, gait: ResolvedGait) -> bool:
-        """Return whether the hand on the neck is the one for this gait."""
-        return self.feeds_back(gait) and isinstance(self._hand, PredictiveNeck) == steers_head(gait)
+        """Return whether the feedback law in force is the one for this gait."""
+        return self.feeds_back(gait) and isinstance(self._law, PredictiveNeck) == steers_head(gait)
 
     def disengage(self) -> None:
-        """Leave the neck to the blend."""
-        self._hand = None
+        """Leave the neck's targets to the blend."""
+        self._law = None
 
     def step(self, q_rad: Float, blend: GaitBlend, now_rad: Float, joints: JointState | None, dt_s: float) -> Float:
         """Return the targets (N,) rad: ``q_rad`` of the blend with the neck's angles in place of its own.
 
-        ``now_rad`` (N,) are the targets of the step before. ``sense`` has been brought up to date.
+        ``now_rad`` (N,) are the targets of the step before. ``sense`` must have been updated.
         """
         gait = blend.gait
-        if self._hand is None:
-            self._take_over(gait, now_rad, q_rad)
+        if self._law is None:
+            self._engage(gait, now_rad, q_rad)
         dq_rad_s, self._q_rad = (q_rad - self._q_rad) / dt_s, q_rad
         q_rad = q_rad.copy()
-        if isinstance(self._hand, PredictiveNeck):
+        if isinstance(self._law, PredictiveNeck):
             period_s = 2.0 * np.pi / gait.omega
             errors = self.sense.line.errors
-            q_rad[self._hand.neck.joints] = self._hand.step(q_rad, dq_rad_s, errors, blend.pace, period_s, dt_s)
-        elif self._hand is not None:
-            q_rad[self._hand.joints] = self._hand.step(
+            q_rad[self._law.neck.joints] = self._law.step(q_rad, dq_rad_s, errors, blend.pace, period_s, dt_s)
+        elif self._law is not None:
+            q_rad[self._law.joints] = self._law.step(
                 q_rad,
                 joints,
                 self.sense.gyro_I,
@@ -95,20 +95,20 @@ class HeadControl:
             )
         return q_rad
 
-    def _take_over(self, gait: ResolvedGait, now_rad: Float, q_rad: Float) -> None:
-        """Begin from the present targets ``now_rad``."""
+    def _engage(self, gait: ResolvedGait, now_rad: Float, q_rad: Float) -> None:
+        """Start the feedback law of ``gait`` from the present targets ``now_rad``."""
         if steers_head(gait):
             ratio = self.settings.friction_ratio
-            self._hand = PredictiveNeck(self._model, self._neck, self._loads, ratio, now_rad[self._neck.joints])
+            self._law = PredictiveNeck(self._model, self._neck, self._loads, ratio, now_rad[self._neck.joints])
         else:
             count = neck_joints_of(self.settings, self._model)
             joints = np.arange(self._model.joint_count - count, self._model.joint_count)
-            self._hand = LevelNeck(self._model, joints, now_rad[joints], holds_roll=not gait.rolls)
+            self._law = LevelNeck(self._model, joints, now_rad[joints], holds_roll=not gait.rolls)
         self._lay_line(now_rad)
         self._q_rad = q_rad
 
     def _lay_line(self, q_rad: Float) -> None:
-        """Lay the line along the body: through its middle, in its mean direction."""
+        """Set the line along the body: through its middle, in its mean direction."""
         T_WI = np.eye(4)
         T_WI[:3, :3] = self.sense.attitude.R_WI
         Ts_WL = link_poses_from_imu(self._model, q_rad, T_WI)

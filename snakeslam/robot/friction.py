@@ -57,7 +57,7 @@ def _resisted(
     for k in range(joints + 1):
         _add_resistance(behind, Ts_WL[k], origin_W, com_x_m, length_m, loads[k], ratio)
         if k < joints:
-            twist = _turn(Ts_WL[k + 1], origin_W, is_yaw[k])
+            twist = _joint_twist(Ts_WL[k + 1], origin_W, is_yaw[k])
             for row in range(3):
                 forces[row, k] = np.sum(behind[row] * twist)
     planar = np.empty((3, 3))
@@ -85,7 +85,7 @@ def _add_resistance(
 
 
 @compiled
-def _turn(T_WL: Float, origin_W: Float, is_yaw: bool) -> Float:
+def _joint_twist(T_WL: Float, origin_W: Float, is_yaw: bool) -> Float:
     """Return the twist (v_x, v_y, w_x, w_y, w_z) at the origin of what is behind a joint, per joint rate, (5,)."""
     w = -T_WL[:3, 2] if is_yaw else T_WL[:3, 1]
     arm = origin_W - T_WL[:3, 3]

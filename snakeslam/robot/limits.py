@@ -91,10 +91,10 @@ def _follow(
 
 
 @compiled
-def _stoppable_rate(room_rad: float, dt_s: float, fastest: float, acceleration: float) -> float:
-    """Return the largest v with v dt + v^2 / (2 a) <= room."""
-    room = max(room_rad, 0.0)
-    return min(fastest, acceleration * (np.sqrt(dt_s**2 + 2.0 * room / acceleration) - dt_s))
+def _stoppable_rate(margin_rad: float, dt_s: float, fastest: float, acceleration: float) -> float:
+    """Return the largest v with v dt + v^2 / (2 a) <= margin."""
+    margin = max(margin_rad, 0.0)
+    return min(fastest, acceleration * (np.sqrt(dt_s**2 + 2.0 * margin / acceleration) - dt_s))
 
 
 @compiled

@@ -22,7 +22,7 @@ class Listener:
         """Take what control commanded."""
         self._slam.expect(target)
 
-    def take(self, packet: Packet) -> None:
+    def add(self, packet: Packet) -> None:
         """Take a packet; keep what is said of a frame, with the time over it and the packets since the one before."""
         started = perf_counter()
         update = self._slam.process(packet)
@@ -50,4 +50,4 @@ class Broadcast(Recorder):
         """Keep and hand on a packet."""
         super().on_packet(packet)
         for listener in self.listeners.values():
-            listener.take(packet)
+            listener.add(packet)

@@ -101,8 +101,8 @@ def _curve(
     mean = np.array([s.average for _, s in found])
     reach = np.array([[s.average - s.lowest for _, s in found], [s.highest - s.average for _, s in found]])
     off = _deviation(study, figure, rows, name)
-    look: dict[str, Any] = {"color": COLOURS[k % len(COLOURS)], "marker": MARKERS[k % len(MARKERS)]}
-    axes.errorbar(xs, mean, yerr=reach, markersize=4, linewidth=1.4, capsize=2, label=_name(line) + off, **look)
+    style: dict[str, Any] = {"color": COLOURS[k % len(COLOURS)], "marker": MARKERS[k % len(MARKERS)]}
+    axes.errorbar(xs, mean, yerr=reach, markersize=4, linewidth=1.4, capsize=2, label=_name(line) + off, **style)
     if numeric:
         axes.set_xticks(values)
 
@@ -125,8 +125,8 @@ def _reference(study: Study, figure: FigureSettings, axes: Any, name: MeasureNam
     reference = _published(study, figure, name)
     if reference is None:
         return
-    look: dict[str, Any] = {"color": "black", "marker": "x", "linestyle": "none", "zorder": 5}
-    axes.plot(study.settings.row_axes[reference.axis], reference.values, label=reference.source, **look)
+    style: dict[str, Any] = {"color": "black", "marker": "x", "linestyle": "none", "zorder": 5}
+    axes.plot(study.settings.row_axes[reference.axis], reference.values, label=reference.source, **style)
 
 
 def _yaw_over_time(study: Study, figure: FigureSettings, rows: Sequence[Row], series: Mapping[int, Float]) -> Figure:

@@ -237,7 +237,7 @@ def _first_alignment(T_estimate: Float, T_true: Float, gravity_known: bool) -> F
 
 
 def head_motion(head: Trajectory, period_s: float) -> HeadMotion:
-    """Return the RMS of the head's yaw, roll and pitch, its peak yaw rate over 20 ms, its sway across the way it goes.
+    """Return the RMS of the head's yaw, roll and pitch, its peak yaw rate over 20 ms, and its sway across the path.
 
     Whole periods only, counted back from the end, so that a swing has no part in the mean direction.
     """
@@ -274,11 +274,13 @@ def whole_periods(head: Trajectory, period_s: float) -> Trajectory:
     return head.at(head.t_ns >= head.t_ns[-1] - round(whole_s * 1e9)) if whole_s > 0 else head
 
 
-def net_speed_m_s(way: Trajectory) -> float | None:
+def net_speed_m_s(path: Trajectory) -> float | None:
     """Return net displacement over time."""
-    if len(way) < 2:
+    if len(path) < 2:
         return None
-    return float(np.linalg.norm(way.Ts_WI[-1, :3, 3] - way.Ts_WI[0, :3, 3])) / (float(way.t_ns[-1] - way.t_ns[0]) / 1e9)
+    return float(np.linalg.norm(path.Ts_WI[-1, :3, 3] - path.Ts_WI[0, :3, 3])) / (
+        float(path.t_ns[-1] - path.t_ns[0]) / 1e9
+    )
 
 
 def frame_times(frame_ms: Sequence[float]) -> FrameTimes:

@@ -29,7 +29,7 @@ Values = dict[MeasureName, float | None]
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """Measured values, None where unknown, and the head's way in the measured window.
+    """Measured values, None where unknown, and the head's path in the measured window.
 
     ``heard``: those of the estimators that listened. ``series`` (n, 4): time since its beginning in s, yaw about its
     mean in rad, x and y in W in m; 50 Hz.

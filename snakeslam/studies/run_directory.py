@@ -1,4 +1,4 @@
-"""A run directory appears whole or not at all: it is written beside its place and moved there at the end.
+"""A run directory appears whole or not at all: it is written beside its final name and moved there at the end.
 
 Its name is claimed at the start, so that two runs that start together never work for the same one.
 """
@@ -54,16 +54,16 @@ def new_directory(out: Path | None, name: str = "run") -> Generator[NewDirectory
     """
     made: list[Path] = []
     try:
-        found, place = _claimed(out, name, made)
+        found, folder = _claimed(out, name, made)
     except (OSError, InputError) as error:
         _remove_empty(made)
         if isinstance(error, InputError):
             raise
         raise InputError(str(out or DEFAULT_PARENT), f"the output folder cannot be made: {error.strerror}") from error
-    new = NewDirectory(found.path, place)
+    new = NewDirectory(found.path, folder)
     try:
         yield new
-        new.out = _move(found, place)
+        new.out = _move(found, folder)
         found.release()
     except BaseException:
         found.remove()
@@ -74,28 +74,28 @@ def new_directory(out: Path | None, name: str = "run") -> Generator[NewDirectory
 def _claimed(out: Path | None, name: str, made: list[Path]) -> tuple[Claim, Path]:
     """Claim ``out`` or a free default; ``made`` gets the folders that were made on the way."""
     while True:
-        place = default_out(name) if out is None else out
-        if place.is_symlink() or (place.exists() and (not place.is_dir() or any(place.iterdir()))):
-            raise InputError(str(place), "exists already", "a new or an empty folder for the run")
-        parent = place.absolute().parent
+        folder = default_out(name) if out is None else out
+        if folder.is_symlink() or (folder.exists() and (not folder.is_dir() or any(folder.iterdir()))):
+            raise InputError(str(folder), "exists already", "a new or an empty folder for the run")
+        parent = folder.absolute().parent
         made += [folder for folder in (parent, *parent.parents) if not folder.exists()]
         parent.mkdir(parents=True, exist_ok=True)
         clear_all_dead(parent, ".*.part")
-        found = claim(_part(place))
+        found = claim(_part(folder))
         if found is not None:
             break
         if out is not None:
-            raise InputError(str(place), "is being written by another run", "a folder of its own")
+            raise InputError(str(folder), "is being written by another run", "a folder of its own")
     if not os.access(found.path, os.W_OK):
         found.remove()
         raise PermissionError(13, os.strerror(13))
-    return found, place
+    return found, folder
 
 
-def _move(found: Claim, place: Path) -> Path:
-    """Move the finished folder to ``place``; where something stands that was not there before, to the next name."""
+def _move(found: Claim, folder: Path) -> Path:
+    """Move the finished folder to ``folder``; where something stands that was not there before, to the next name."""
     found.unmark()
-    for target in _numbered(place):
+    for target in _numbered(folder):
         if target.is_symlink() or target.is_file():
             continue
         try:
@@ -103,7 +103,7 @@ def _move(found: Claim, place: Path) -> Path:
         except OSError:
             if not os.path.lexists(target):
                 raise
-    raise InputError(str(place), "no free name is left beside it")
+    raise InputError(str(folder), "no free name is left beside it")
 
 
 def _renamed(part: Path, target: Path) -> Path:

@@ -60,8 +60,8 @@ def run_study(
     kept ones first. The results do not depend on the number of ``workers``. InputError, before anything runs, when
     ``out`` is not what it should be, or another process is at work in it.
     """
-    with _held(_claimed(study.name, out, resume)) as place:
-        return _run(study, place, _prepare(study, place, resume), workers, report, run)
+    with _held(_claimed(study.name, out, resume)) as folder:
+        return _run(study, folder, _prepare(study, folder, resume), workers, report, run)
 
 
 @contextmanager
@@ -115,20 +115,20 @@ def write_summary(study: Study, out: Path, rows: list[Row]) -> str:
 def _claimed(name: str, out: Path | None, resume: bool) -> Claim:
     """Make or find the folder and lock it, so that no other study writes there."""
     while True:
-        place = default_out(name) if out is None else out
-        _check_folder(place, resume)
+        folder = default_out(name) if out is None else out
+        _check_folder(folder, resume)
         try:
-            place.mkdir(parents=True, exist_ok=out is not None)
+            folder.mkdir(parents=True, exist_ok=out is not None)
         except OSError as error:
             if out is None and isinstance(error, FileExistsError):
                 continue
-            raise InputError(str(place), f"the output folder cannot be made: {error.strerror}") from error
-        found = lock(place)
+            raise InputError(str(folder), f"the output folder cannot be made: {error.strerror}") from error
+        found = lock(folder)
         if found is not None:
-            _check_folder(place, resume)
+            _check_folder(folder, resume)
             return found
         if out is not None:
-            raise InputError(str(place), "is being written by another study", "a folder of its own")
+            raise InputError(str(folder), "is being written by another study", "a folder of its own")
 
 
 def _check_folder(out: Path, resume: bool) -> None:

@@ -37,7 +37,7 @@ def test_the_simulator_says_what_it_can_do() -> None:
     assert camera is not None
     for _ in range(11):
         backend.step(None)
-    assert [exposure.seq for exposure in camera.take_exposures()] == [0, 1, 2]
+    assert [exposure.seq for exposure in camera.read_exposures()] == [0, 1, 2]
     backend.close()
     without = build_backend(config, "none")
     assert without.remote_camera is None

@@ -29,7 +29,7 @@ def crawl(backend, seconds):
         wave[-4:] = 0.0
         wave *= np.clip(backend.t_ns * 1e-9 - 0.1, 0.0, 1.0) ** 2
         packets += backend.step(JointTarget(backend.t_ns, MODEL.rest_q_rad + wave))
-        truth += backend.take_ground_truth()
+        truth += backend.read_ground_truth()
     return packets, truth
 
 
@@ -69,7 +69,7 @@ def test_packets_come_in_time_order_at_their_rates(second):
 def test_truth_is_on_its_own_channel_at_the_imu_stamps(second):
     backend, packets, truth = second
     assert [t.t_ns for t in truth] == [p.t_ns for p in packets if isinstance(p, ImuSample)]
-    assert list(backend.take_ground_truth()) == []
+    assert list(backend.read_ground_truth()) == []
     np.testing.assert_allclose(truth[0].T_WI[:3, 3], [0, 0, 0.09], atol=0.02)
     np.testing.assert_allclose(truth[0].T_WI[:3, :3], np.eye(3), atol=0.05)
 

@@ -53,7 +53,7 @@ def test_ten_seconds_of_crawling_integrate_to_the_true_pose():
         wave[-6:] = 0.0
         target = JointTarget(backend.t_ns, model.rest_q_rad + ramp * wave)
         samples += [packet for packet in backend.step(target) if isinstance(packet, ImuSample)]
-        truth += backend.take_ground_truth()
+        truth += backend.read_ground_truth()
     backend.close()
     R, p, v = truth[0].T_WI[:3, :3], truth[0].T_WI[:3, 3], truth[0].v_W
     for sample in samples[1:]:

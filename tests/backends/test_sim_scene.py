@@ -28,7 +28,7 @@ def run(camera: Any) -> tuple[list[CameraFrame], list[Any], list[CameraExposure]
         target = JointTarget(backend.t_ns, MODEL.rest_q_rad + swing * np.sin(0.5 * k) * (k > 2))
         for packet in backend.step(target):
             (frames if isinstance(packet, CameraFrame) else others).append(packet)
-        exposures += backend.take_exposures()
+        exposures += backend.read_exposures()
     backend.close()
     return frames, others, exposures
 

@@ -49,7 +49,7 @@ def _hits(obstacle, ray):
 
 def test_textures_are_not_white_noise(made):
     """Neighbouring pixels of real surfaces are alike."""
-    for texture, _ in made[1].pictures:
+    for texture, _ in made[1].surfaces:
         gray = cv2.cvtColor(texture, cv2.COLOR_RGB2GRAY).astype(float)
         assert np.corrcoef(gray[:, 1:].ravel(), gray[:, :-1].ravel())[0, 1] > 0.75
 
@@ -58,10 +58,10 @@ def test_the_same_seed_makes_the_same_world_and_another_seed_another():
     for name in ("office", "rubble"):
         first, again, other = (world(name, np.random.default_rng(seed)) for seed in (4, 4, 9))
         assert first.obstacles == again.obstacles
-        for (texture, shapes), (texture2, shapes2) in zip(first.pictures, again.pictures, strict=True):
+        for (texture, shapes), (texture2, shapes2) in zip(first.surfaces, again.surfaces, strict=True):
             np.testing.assert_array_equal(texture, texture2)
             np.testing.assert_array_equal(merge(shapes).vertices_W, merge(shapes2).vertices_W)
-        assert not np.array_equal(first.pictures[0][0], other.pictures[0][0])
+        assert not np.array_equal(first.surfaces[0][0], other.surfaces[0][0])
 
 
 def _look(made, yaw_rad):

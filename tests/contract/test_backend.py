@@ -60,7 +60,7 @@ class Played:
             self.packets += step
             self.packets_ahead_ns = max([self.packets_ahead_ns, *(packet.t_ns - backend.t_ns for packet in step)])
             self.times_ns.append(backend.t_ns)
-            self.truth += backend.take_ground_truth()
+            self.truth += backend.read_ground_truth()
             if self.truth:
                 self.truth_ahead_ns = max(self.truth_ahead_ns, self.truth[-1].t_ns - backend.t_ns)
 
@@ -129,7 +129,7 @@ def test_truth_is_that_of_the_past_and_increases(played: Played) -> None:
     assert len(stamps) >= 2
     assert all(b > a for a, b in pairwise(stamps))
     assert played.truth_ahead_ns <= 0
-    assert list(played.backend.take_ground_truth()) == [], "truth is given once"
+    assert list(played.backend.read_ground_truth()) == [], "truth is given once"
     R = np.array([sample.T_WI[:3, :3] for sample in played.truth])
     np.testing.assert_allclose(R @ np.swapaxes(R, 1, 2), np.broadcast_to(np.eye(3), R.shape), atol=1e-9)
 
@@ -149,9 +149,9 @@ def test_a_recording_ends_and_stays_ended(tmp_path: Path) -> None:
     backend = euroc(tmp_path)
     while backend.step(None) is not None:
         pass
-    backend.take_ground_truth()
+    backend.read_ground_truth()
     assert backend.step(None) is None
-    assert backend.take_ground_truth() == []
+    assert backend.read_ground_truth() == []
 
 
 def test_messages_cannot_be_written_to(played: Played) -> None:

@@ -292,7 +292,7 @@ def crawl(name: GaitName) -> Crawl:
             packets += backend.step(control.step(backend.t_ns, None, None, None))
             if backend.t_ns % FRAME_NS == 0:
                 packets.append(CameraFrame(backend.t_ns, backend.t_ns // FRAME_NS, np.zeros((2, 2), np.uint8)))
-        truth = backend.take_ground_truth()
+        truth = backend.read_ground_truth()
         rig = RIG.model_copy(update={"imu0": backend.rig.imu0})
     finally:
         backend.close()

@@ -141,7 +141,7 @@ def test_taking_up_other_angles_goes_on_from_them_with_their_rates(drive):
         last = blend.step(drive, DT_S)
     rng = np.random.default_rng(0)
     q_rad, dq_rad_s = last + rng.uniform(-0.3, 0.3, 35), rng.uniform(-1.0, 1.0, 35)
-    blend.take_up(q_rad, dq_rad_s)
+    blend.resume_from(q_rad, dq_rad_s)
     first, second = blend.step(drive, DT_S), blend.step(drive, DT_S)
     assert np.max(np.abs(first - q_rad - dq_rad_s * DT_S)) < 2e-3
     np.testing.assert_allclose((second - first) / DT_S, dq_rad_s, atol=0.25)
@@ -155,5 +155,5 @@ def test_taking_up_angles_at_rest_stays_there():
     for _ in range(60):
         blend.step(0.0, DT_S)
     q_rad = np.linspace(-0.5, 0.5, 35)
-    blend.take_up(q_rad, np.full(35, 0.7))
+    blend.resume_from(q_rad, np.full(35, 0.7))
     np.testing.assert_allclose(blend.step(0.0, DT_S), q_rad, atol=1e-12)

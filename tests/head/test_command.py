@@ -5,7 +5,7 @@ import pytest
 from snakeslam.errors import InputError
 from snakeslam.gaits.catalogue import GaitSettings, resolve
 from snakeslam.head.catalogue import HEAD_CATALOGUE
-from snakeslam.head.command import check_turn, commanded_head
+from snakeslam.head.command import check_steering, commanded_head
 from snakeslam.head.laws import check
 from snakeslam.head.neck import most_neck_joints
 from snakeslam.head.settings import HeadSettings
@@ -44,10 +44,10 @@ def test_a_wrong_wish_gets_one_line(command, text):
 
 
 def test_only_the_predictive_controller_steers():
-    check_turn(-45.0, "predictive")
+    check_steering(-45.0, "predictive")
     for name in ("none", "direction", "position"):
         with pytest.raises(InputError, match="no line to turn"):
-            check_turn(15.0, name)
+            check_steering(15.0, name)
 
 
 def test_a_neck_leaves_a_body():

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from snakeslam.head.line import CORRECTION_S, JUMP_M, JUMP_RAD, TURN_RATE_RAD_S, HeadLine
+from snakeslam.head.line import CORRECTION_S, JUMP_M, JUMP_RAD, STEERING_RATE_RAD_S, HeadLine
 from tests.head.plane import gyro, pose_estimate
 
 STEP_NS = 10_000_000
@@ -124,9 +124,9 @@ def test_it_turns_at_its_rate_about_the_head(angle_rad, pose):
     lay(line, 0.0, np.array([0.0, -0.2]))
     before = line.errors
     start = line.heading_rad
-    line.turn_by(angle_rad)
+    line.steer_by(angle_rad)
     still(line, 10, 110, pose)
-    step = np.copysign(min(abs(angle_rad), TURN_RATE_RAD_S), angle_rad)
+    step = np.copysign(min(abs(angle_rad), STEERING_RATE_RAD_S), angle_rad)
     assert line.heading_rad - start == pytest.approx(step, abs=1e-9)
     assert line.errors.lateral_m == pytest.approx(before.lateral_m, abs=1e-9)
     still(line, 110, 700, pose)
@@ -140,13 +140,13 @@ def test_it_turns_by_estimates_alone_too():
     for k in range(100):
         line.update(k * STEP_NS, pose_estimate(k * STEP_NS), None)
         if k == 49:
-            line.turn_by(-1.0)
-    assert line.errors.yaw_rad == pytest.approx(50 * DT_S * TURN_RATE_RAD_S)
+            line.steer_by(-1.0)
+    assert line.errors.yaw_rad == pytest.approx(50 * DT_S * STEERING_RATE_RAD_S)
 
 
 def test_laying_it_anew_forgets_a_turn():
     line = still(HeadLine(), 0, 10)
-    line.turn_by(1.0)
+    line.steer_by(1.0)
     lay(line, 0.0, np.zeros(2))
     assert still(line, 10, 100).heading_rad == 0.0
 

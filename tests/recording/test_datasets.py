@@ -26,9 +26,9 @@ def play(path: Path, settings: ReplaySettings = SETTINGS) -> tuple[list[Packet],
     truth: list[GroundTruth] = []
     while (step := backend.step(None)) is not None:
         packets += step
-        truth += backend.take_ground_truth()
+        truth += backend.read_ground_truth()
         assert not truth or truth[-1].t_ns <= backend.t_ns
-    truth += backend.take_ground_truth()
+    truth += backend.read_ground_truth()
     backend.close()
     backend.close()
     return packets, truth, backend

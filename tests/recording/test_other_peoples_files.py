@@ -421,7 +421,7 @@ def test_the_truths_kind_survives_the_backend(tmp_path: Path) -> None:
     truth: list[GroundTruth] = []
     count = 0
     while (packets := backend.step(None)) is not None:
-        truth += backend.take_ground_truth()
+        truth += backend.read_ground_truth()
         count += sum(isinstance(packet, ImuSample) for packet in packets)
     assert count == 31
     assert all(sample.orientation_known for sample in truth)

@@ -27,8 +27,8 @@ def replay(shared_data: Path) -> Replay:
     truth: list[GroundTruth] = []
     while (packets := backend.step(None)) is not None:
         updates += [update for packet in packets if (update := slam.process(packet)) is not None]
-        truth += backend.take_ground_truth()
-    truth += backend.take_ground_truth()
+        truth += backend.read_ground_truth()
+    truth += backend.read_ground_truth()
     return updates, truth
 
 

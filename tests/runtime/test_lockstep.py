@@ -65,7 +65,7 @@ class FakeBackend:
         packets: list[Packet] = [imu(start + PERIOD_NS // 2), imu(self.t_ns), joints(self.t_ns)]
         return [*packets, frame(self.t_ns)] if self.t_ns // PERIOD_NS % 2 == 0 else packets
 
-    def take_ground_truth(self) -> Sequence[GroundTruth]:
+    def read_ground_truth(self) -> Sequence[GroundTruth]:
         truth, self._truth = self._truth, []
         return truth
 

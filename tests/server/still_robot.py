@@ -112,7 +112,7 @@ class StillRobot(Backend):
             packets.append(CameraFrame(t_ns, seq, gray, rgb, depth_m, exposure_ns=1_000_000))
         return packets
 
-    def take_ground_truth(self) -> list[GroundTruth]:
+    def read_ground_truth(self) -> list[GroundTruth]:
         truth, self._truth = self._truth, []
         return truth
 

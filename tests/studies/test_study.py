@@ -319,7 +319,7 @@ def test_the_motion_is_the_same_with_and_without_the_camera(finished: tuple[Stud
         backend = build_backend(config, "here" if camera else "none")
         for _ in range(5):
             backend.step(None)
-        truths.append(np.array([sample.T_WI for sample in backend.take_ground_truth()]))
+        truths.append(np.array([sample.T_WI for sample in backend.read_ground_truth()]))
         backend.close()
     assert len(truths[0]) == 10
     np.testing.assert_array_equal(truths[0], truths[1])

@@ -110,7 +110,7 @@ class ReplayBackend(Backend, Recorded):
         self._t_ns = packet.t_ns
         return [packet]
 
-    def take_ground_truth(self) -> Sequence[GroundTruth]:
+    def read_ground_truth(self) -> Sequence[GroundTruth]:
         """Return the truth since the last call; after the end also the one sample beyond, to interpolate with."""
         last = self._taken
         while last < len(self._truth) and self._truth[last].t_ns <= self._t_ns:

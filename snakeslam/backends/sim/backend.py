@@ -10,7 +10,7 @@ from snakeslam.backends.kind import CameraUse
 from snakeslam.backends.sim.camera import Camera, camera_calibration
 from snakeslam.backends.sim.imu import Imu, imu_calibration, interval_means
 from snakeslam.backends.sim.physics import SnakePhysics, pose_with_head_at
-from snakeslam.backends.sim.placing import place_obstacles
+from snakeslam.backends.sim.placing import add_obstacles
 from snakeslam.backends.sim.renderer import Render, Renderer
 from snakeslam.backends.sim.servos import ServoSensors
 from snakeslam.backends.sim.settings import IMU_RATE_HZ, SimSettings
@@ -34,7 +34,7 @@ class SimBackend(Backend):
 
     Everything is determined by the arguments and the targets. A frame's middle of exposure is the time of an IMU
     sample; the frame is handed out once the next sample, to which the exposure reaches, is there. With ``camera``
-    "none" no frame comes and nothing is drawn; with "elsewhere" ``take_exposures`` has what a ``scene.SceneCamera`` in
+    "none" no frame comes and nothing is drawn; with "elsewhere" ``read_exposures`` has what a ``scene.SceneCamera`` in
     another process draws. The motion is the same.
     """
 
@@ -50,9 +50,9 @@ class SimBackend(Backend):
         self._physics = SnakePhysics(
             model, settings.physics, settings.friction_ratio, pose_with_head_at(model, 0.0, 0.0)
         )
-        place = world(settings.world, np.random.default_rng([seed, WORLD_STREAM]))
-        place_obstacles(place.obstacles, self._physics.client_id)
-        self._renderer = Renderer(place, model, cam0.intrinsics[0]) if camera == "here" else None
+        surroundings = world(settings.world, np.random.default_rng([seed, WORLD_STREAM]))
+        add_obstacles(surroundings.obstacles, self._physics.client_id)
+        self._renderer = Renderer(surroundings, model, cam0.intrinsics[0]) if camera == "here" else None
         self._camera = Camera(settings.camera, cam0.intrinsics, np.random.default_rng([seed, CAMERA_STREAM]))
         self._imu = Imu.switched_on(settings.imu, np.random.default_rng([seed, IMU_STREAM]))
         self._servos = ServoSensors(model.joint_count, 1.0 / CONTROL_RATE_HZ)
@@ -60,7 +60,7 @@ class SimBackend(Backend):
         self._run(SETTLE_S)
         self._pose_WI, self._v_W, _ = self._physics.head_state()
         self._run(IMU_DT_S / 2.0)
-        self._half_way_W = self._physics.head_pose()[:3, 3]
+        self._midpoint_W = self._physics.head_pose()[:3, 3]
         self._frame_count = 0
         self._exposing: tuple[CameraExposure, Render | None, Float] | None = None
         self._exposures: list[CameraExposure] = []
@@ -107,12 +107,12 @@ class SimBackend(Backend):
         packets.append(self._servos.measure(self.t_ns, *self._joints))
         return packets
 
-    def take_ground_truth(self) -> Sequence[GroundTruth]:
+    def read_ground_truth(self) -> Sequence[GroundTruth]:
         """Return the true motion and biases since the last call, at the stamps of the IMU samples."""
         taken, self._truth = self._truth, []
         return taken
 
-    def take_exposures(self) -> Sequence[CameraExposure]:
+    def read_exposures(self) -> Sequence[CameraExposure]:
         """Return what is to be drawn elsewhere since the last call, oldest first."""
         taken, self._exposures = self._exposures, []
         return taken
@@ -131,17 +131,17 @@ class SimBackend(Backend):
         """Go on by one IMU interval and append what the sensors give at its end.
 
         The physics is half an interval ahead: the velocity at t is the mean over the interval's length around t, which
-        adds up to the true way, as PyBullet's own for the end of a chain does not (3 to 7 mm/s).
+        adds up to the true displacement, as PyBullet's own for the end of a chain does not (3 to 7 mm/s).
         """
-        before_W, T0_WI, v0_W = self._half_way_W, self._pose_WI, self._v_W
+        before_W, T0_WI, v0_W = self._midpoint_W, self._pose_WI, self._v_W
         self._run(IMU_DT_S / 2.0)
         self._imu_count += 1
         self._pose_WI = self._physics.head_pose()
         self._joints = self._physics.joint_state()
         beginning = self._begin_exposure(T0_WI)
         self._run(IMU_DT_S / 2.0)
-        self._half_way_W = self._physics.head_pose()[:3, 3]
-        self._v_W = (self._half_way_W - before_W) / IMU_DT_S
+        self._midpoint_W = self._physics.head_pose()[:3, 3]
+        self._v_W = (self._midpoint_W - before_W) / IMU_DT_S
         if self._exposing is not None:
             packets.extend(self._end_exposure(*self._exposing))
         self._exposing = beginning
@@ -163,8 +163,8 @@ class SimBackend(Backend):
 
     def _end_exposure(self, exposure: CameraExposure, render: Render | None, T0_WI: Float) -> Sequence[CameraFrame]:
         """Return the frame, if it is made here, blurred by the turn from one IMU time before to one after."""
-        turn_I = so3.log(T0_WI[:3, :3].T @ self._pose_WI[:3, :3])
-        w_C = self._rig.cam0.T_CI[:3, :3] @ turn_I / (2.0 * IMU_DT_S)
+        rotation_I = so3.log(T0_WI[:3, :3].T @ self._pose_WI[:3, :3])
+        w_C = self._rig.cam0.T_CI[:3, :3] @ rotation_I / (2.0 * IMU_DT_S)
         if render is not None:
             return (self._camera.expose(exposure.t_ns, exposure.seq, render, w_C),)
         self._exposures.append(replace(exposure, w_C=w_C))

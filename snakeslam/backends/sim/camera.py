@@ -63,9 +63,9 @@ class Camera:
 
     def _blurred(self, rgba: Image, w_C: Float) -> Image:
         """Average 3 or 5 turned copies over the exposure (four channels warp faster than three); short blur is left."""
-        turn_C = w_C * self.settings.exposure_ms * 1e-3
+        rotation_C = w_C * self.settings.exposure_ms * 1e-3
         corner_px = float(np.hypot(WIDTH_PX, HEIGHT_PX)) / 2.0
-        blur_px = self._K[0, 0] * float(np.hypot(turn_C[0], turn_C[1])) + corner_px * abs(float(turn_C[2]))
+        blur_px = self._K[0, 0] * float(np.hypot(rotation_C[0], rotation_C[1])) + corner_px * abs(float(rotation_C[2]))
         if blur_px < SMALLEST_BLUR_PX:
             return rgba
         count = 3 if blur_px < 3.0 else 5
@@ -73,7 +73,7 @@ class Camera:
         others = [k for k in range(count) if k != count // 2]
         for taken, k in enumerate(others, start=1):
             # A ray r_C seen at mid exposure is at Exp(-turn fraction) r_C after that part of the turn.
-            H = self._K @ so3.exp(-((k + 0.5) / count - 0.5) * turn_C) @ K_inv
+            H = self._K @ so3.exp(-((k + 0.5) / count - 0.5) * rotation_C) @ K_inv
             turned = cv2.warpPerspective(
                 rgba, H, (WIDTH_PX, HEIGHT_PX), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
             )

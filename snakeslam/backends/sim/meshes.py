@@ -44,13 +44,13 @@ def quad(corner_W: Sequence[float], right_W: Sequence[float], up_W: Sequence[flo
 
 
 def panel(corner_W: Sequence[float], right_W: Sequence[float], up_W: Sequence[float], tile_m: float) -> Mesh:
-    """Return a rectangle whose texture repeats every ``tile_m``, phased by its place so that neighbours differ."""
+    """Return a rectangle whose texture repeats every ``tile_m``, phased by its position so that neighbours differ."""
     size = np.array([np.linalg.norm(right_W), np.linalg.norm(up_W)]) / tile_m
     phase = np.modf(np.abs(np.asarray(corner_W)) @ np.array([[0.37, 0.0], [0.61, 0.0], [0.0, 1.0 / tile_m]]))[0]
     return quad(corner_W, right_W, up_W, np.array([phase, phase + size], dtype=np.float64))
 
 
-def picture(corner_W: Sequence[float], right_W: Sequence[float], up_W: Sequence[float]) -> Mesh:
+def poster(corner_W: Sequence[float], right_W: Sequence[float], up_W: Sequence[float]) -> Mesh:
     """Return a rectangle that shows its texture once."""
     return quad(corner_W, right_W, up_W, np.array([[0.0, 0.0], [1.0, 1.0]]))
 
@@ -64,7 +64,7 @@ def box(centre_W: Sequence[float], size_m: Sequence[float], yaw_rad: float = 0.0
     for outward, right, up in faces:
         right = right if np.dot(np.cross(right, up), outward) > 0 else -right
         corner = np.asarray(centre_W) + (outward - right - up) / 2.0
-        sides.append(picture(corner, right, up) if tile_m is None else panel(corner, right, up, tile_m))
+        sides.append(poster(corner, right, up) if tile_m is None else panel(corner, right, up, tile_m))
     return merge(sides)
 
 

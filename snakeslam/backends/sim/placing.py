@@ -10,13 +10,13 @@ COMPOUND_SIZE = 16
 """The most shapes that PyBullet takes in one body."""
 
 
-def place_obstacles(obstacles: Sequence[Obstacle], client_id: int) -> None:
+def add_obstacles(obstacles: Sequence[Obstacle], client_id: int) -> None:
     """Add ``obstacles``, several boxes as one body: a body for each makes a step of the physics five times as long."""
     for first in range(0, len(obstacles), COMPOUND_SIZE):
-        _place_compound(obstacles[first : first + COMPOUND_SIZE], client_id)
+        _add_compound(obstacles[first : first + COMPOUND_SIZE], client_id)
 
 
-def _place_compound(obstacles: Sequence[Obstacle], client_id: int) -> None:
+def _add_compound(obstacles: Sequence[Obstacle], client_id: int) -> None:
     shape = pybullet.createCollisionShapeArray(
         shapeTypes=[pybullet.GEOM_BOX] * len(obstacles),
         halfExtents=[[side / 2.0 for side in obstacle.size_m] for obstacle in obstacles],

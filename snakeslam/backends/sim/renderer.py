@@ -1,4 +1,4 @@
-"""Draws what the simulated camera's optics see: a pinhole picture with its depth, in OpenGL without a window."""
+"""Draws what the simulated camera's optics see: a pinhole image with its depth, in OpenGL without a window."""
 
 import sys
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ from snakeslam.robot.model import SnakeModel
 
 WIDTH_PX, HEIGHT_PX = 640, 480
 NEAR_M, FAR_M = 0.04, 30.0
-"""Where the picture is cut off; the depth buffer has 24 bits, so a step is z^2 / (2^24 near): 6 um at 2 m."""
+"""Where the image is cut off; the depth buffer has 24 bits, so a step is z^2 / (2^24 near): 6 um at 2 m."""
 LIGHT_W = (0.4, 0.3, 1.0)
 AMBIENT, DIFFUSE = 0.75, 0.4
 """Light from everywhere, more from where ``LIGHT_W`` points and less from behind: no side is black."""
@@ -47,12 +47,12 @@ void main() {
 """
 FRAGMENT_SHADER = """
 #version 330
-uniform sampler2D picture;
+uniform sampler2D image;
 in vec2 texture_uv;
 in float shade;
 out vec4 colour;
 void main() {
-    colour = vec4(shade * texture(picture, texture_uv).rgb, 1.0);
+    colour = vec4(shade * texture(image, texture_uv).rgb, 1.0);
 }
 """
 
@@ -78,7 +78,7 @@ class _Piece:
 
 
 class Renderer:
-    """Draws a world and a snake's links for a pinhole of focal length ``f_px``, centred in the picture.
+    """Draws a world and a snake's links for a pinhole of focal length ``f_px``, centred in the image.
 
     BackendError where there is no OpenGL. To be used from the thread that made it.
     """
@@ -91,29 +91,29 @@ class Renderer:
             self._set("ambient_diffuse", np.array([AMBIENT, DIFFUSE]))
             here = self._context.buffer(_columns(np.eye(4)[None]))
             self._links_W = self._context.buffer(reserve=model.link_count * 64, dynamic=True)
-            self._pieces = [self._piece(image, meshes.merge(shapes), here, 1) for image, shapes in world.pictures]
+            self._pieces = [self._piece(image, meshes.merge(shapes), here, 1) for image, shapes in world.surfaces]
             body = meshes.cylinder(model.radius_m, 0.05 * model.joint_length_m, 0.95 * model.joint_length_m, BODY_SIDES)
             self._pieces.append(self._piece(np.full((1, 1, 3), BODY, np.uint8), body, self._links_W, model.link_count))
             size_px = (WIDTH_PX, HEIGHT_PX)
             self._depth = self._context.depth_texture(size_px)
-            self._picture = self._context.framebuffer([self._context.renderbuffer(size_px, 4)], self._depth)
+            self._frame = self._context.framebuffer([self._context.renderbuffer(size_px, 4)], self._depth)
         self._projection = projection_matrix(f_px)
 
     def render(self, T_WC: Float, Ts_WL: Float) -> Render:
-        """Return the picture from the camera's pose (4, 4), optical frame, with the links at (L, 4, 4)."""
+        """Return the image from the camera's pose (4, 4), optical frame, with the links at (L, 4, 4)."""
         with self._context as context:
-            # The first row read back is the lowest on OpenGL's screen, so the picture is drawn upside down, and the
+            # The first row read back is the lowest on OpenGL's screen, so the image is drawn upside down, and the
             # faces are seen turning the other way.
             context.enable_only(moderngl.DEPTH_TEST | moderngl.CULL_FACE)
             context.front_face = "cw"
             self._set("clip_W", (self._projection @ se3.inv(T_WC)).T)
             self._links_W.write(_columns(Ts_WL))
-            self._picture.use()
-            self._picture.clear(SKY[0] / 255.0, SKY[1] / 255.0, SKY[2] / 255.0)
+            self._frame.use()
+            self._frame.clear(SKY[0] / 255.0, SKY[1] / 255.0, SKY[2] / 255.0)
             for piece in self._pieces:
                 piece.texture.use()
                 piece.shape.render(instances=piece.count)
-            rgba = np.frombuffer(self._picture.read(components=4), np.uint8)
+            rgba = np.frombuffer(self._frame.read(components=4), np.uint8)
             buffer = np.frombuffer(self._depth.read(), np.float32)
         inverse_depth = 1.0 / NEAR_M - buffer * np.float32(1.0 / NEAR_M - 1.0 / FAR_M)
         return Render(rgba.reshape(HEIGHT_PX, WIDTH_PX, 4), inverse_depth.reshape(HEIGHT_PX, WIDTH_PX))
@@ -145,7 +145,7 @@ class Renderer:
 
 
 def projection_matrix(f_px: float) -> Float:
-    """Return OpenGL's projection (4, 4) from the optical frame: z ahead, y down, the picture upside down."""
+    """Return OpenGL's projection (4, 4) from the optical frame: z ahead, y down, the image upside down."""
     P = np.zeros((4, 4))
     P[0, 0], P[1, 1] = 2.0 * f_px / WIDTH_PX, 2.0 * f_px / HEIGHT_PX
     P[2, 2], P[2, 3] = (FAR_M + NEAR_M) / (FAR_M - NEAR_M), -2.0 * FAR_M * NEAR_M / (FAR_M - NEAR_M)

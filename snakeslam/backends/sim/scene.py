@@ -1,4 +1,4 @@
-"""The simulator's camera on its own: the world and a snake without physics, posed for each picture."""
+"""The simulator's camera on its own: the world and a snake without physics, posed for each frame."""
 
 import numpy as np
 
@@ -21,8 +21,8 @@ class SceneCamera(FrameSource):
     def __init__(self, model: SnakeModel, settings: SimSettings, seed: int) -> None:
         cam0 = camera_calibration(settings.camera, model)
         self._T_IC = cam0.T_IC
-        place = world(settings.world, np.random.default_rng([seed, WORLD_STREAM]))
-        self._renderer = Renderer(place, model, cam0.intrinsics[0])
+        surroundings = world(settings.world, np.random.default_rng([seed, WORLD_STREAM]))
+        self._renderer = Renderer(surroundings, model, cam0.intrinsics[0])
         self._camera = Camera(settings.camera, cam0.intrinsics, np.random.default_rng([seed, CAMERA_STREAM]))
 
     def expose(self, exposure: CameraExposure) -> CameraFrame:

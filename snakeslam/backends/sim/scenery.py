@@ -9,7 +9,7 @@ from snakeslam.backends.sim import meshes
 from snakeslam.backends.sim.meshes import Mesh
 from snakeslam.backends.sim.textures import Texture
 
-PICTURE_GAP_M = 0.04
+POSTER_GAP_M = 0.04
 """Far enough from the wall for the depth buffer to tell them apart at 10 m."""
 BAND_GAP_M = 0.02
 WALL_THICKNESS_M = 0.4
@@ -27,15 +27,15 @@ class Obstacle:
 
 @dataclass(slots=True)
 class World:
-    """What is around the robot: ``pictures`` pairs each texture with the meshes that wear it."""
+    """What is around the robot: ``surfaces`` pairs each texture with the meshes that wear it."""
 
-    pictures: list[tuple[Texture, list[Mesh]]] = field(default_factory=list[tuple[Texture, list[Mesh]]])
+    surfaces: list[tuple[Texture, list[Mesh]]] = field(default_factory=list[tuple[Texture, list[Mesh]]])
     obstacles: list[Obstacle] = field(default_factory=list[Obstacle])
 
     def add(self, texture: Texture, shapes: Sequence[Mesh]) -> None:
         """Show ``shapes`` in ``texture``."""
         if shapes:
-            self.pictures.append((texture, list(shapes)))
+            self.surfaces.append((texture, list(shapes)))
 
     def block(
         self, x_m: float, y_m: float, size_m: tuple[float, float, float], yaw_rad: float = 0.0, low_m: float = 0.0
@@ -47,7 +47,7 @@ class World:
 
 
 @dataclass(frozen=True, slots=True)
-class Room:
+class Interior:
     """The inside of four walls, m in W."""
 
     x0: float
@@ -99,11 +99,11 @@ class Room:
 
     def hang(self, side: str, along_m: float, low_m: float, width_m: float, height_m: float) -> Mesh:
         """Return a picture on the wall ``side``, its middle at ``along_m`` (x, or y at front and back)."""
-        corner, right = self._wall(side, PICTURE_GAP_M)
+        corner, right = self._wall(side, POSTER_GAP_M)
         unit = np.asarray(right) / np.linalg.norm(right)
         start = abs(along_m - (corner[0] if side in ("left", "right") else corner[1])) - width_m / 2.0
         x, y = np.asarray(corner) + unit * start
-        return meshes.picture((float(x), float(y), low_m), (*(unit * width_m).tolist(), 0.0), (0.0, 0.0, height_m))
+        return meshes.poster((float(x), float(y), low_m), (*(unit * width_m).tolist(), 0.0), (0.0, 0.0, height_m))
 
     def _wall(self, side: str, gap_m: float) -> tuple[tuple[float, float], tuple[float, float]]:
         """Return a wall's lower left corner seen from inside and its run to the right, (x, y)."""

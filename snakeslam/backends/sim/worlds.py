@@ -10,7 +10,7 @@ import numpy as np
 
 from snakeslam.backends.sim import meshes, textures
 from snakeslam.backends.sim.meshes import Mesh
-from snakeslam.backends.sim.scenery import BAND_GAP_M, Room, World
+from snakeslam.backends.sim.scenery import BAND_GAP_M, Interior, World
 from snakeslam.backends.sim.settings import WorldName
 
 CLEAR_RIGHT_M, CLEAR_LEFT_M = 2.4, 3.4
@@ -31,43 +31,43 @@ def world(name: WorldName, rng: np.random.Generator) -> World:
 
 def corridor(rng: np.random.Generator) -> World:
     """A wide hallway along x: brick and plaster walls, doors, posters, pilasters, boxes, papers on the floor."""
-    room, made = Room(-6.5, 10.0, -3.4, 4.2, 2.8), World()
-    made.obstacles += room.barriers()
-    brick = room.walls(SIDES, 1.6, 0.0, 0.9, BAND_GAP_M)
+    hall, made = Interior(-6.5, 10.0, -3.4, 4.2, 2.8), World()
+    made.obstacles += hall.barriers()
+    brick = hall.walls(SIDES, 1.6, 0.0, 0.9, BAND_GAP_M)
     for k, x in enumerate(np.arange(-5.5, 10.0, 3.0).tolist()):
         y = 4.08 if k % 2 else -3.28
         brick.append(meshes.box(*made.block(x + rng.uniform(-0.3, 0.3), y, (0.35, 0.25, 2.8)), tile_m=1.6))
-    made.add(textures.terrazzo(rng), [room.floor(2.4)])
+    made.add(textures.terrazzo(rng), [hall.floor(2.4)])
     made.add(textures.bricks(rng), brick)
-    made.add(textures.plaster(rng, (190, 182, 160)), room.walls(SIDES, 2.0, 0.0, 2.8))
-    made.add(textures.ceiling(rng), [room.ceiling(1.2)])
-    doors = [room.hang(side, x, 0.0, 0.95, 2.05) for side, x in (("left", -2.6), ("left", 3.6), ("right", 0.8))]
+    made.add(textures.plaster(rng, (190, 182, 160)), hall.walls(SIDES, 2.0, 0.0, 2.8))
+    made.add(textures.ceiling(rng), [hall.ceiling(1.2)])
+    doors = [hall.hang(side, x, 0.0, 0.95, 2.05) for side, x in (("left", -2.6), ("left", 3.6), ("right", 0.8))]
     made.add(
-        textures.door(rng), [*doors, room.hang("right", 6.8, 0.0, 0.95, 2.05), room.hang("front", 1.4, 0, 0.95, 2.05)]
+        textures.door(rng), [*doors, hall.hang("right", 6.8, 0.0, 0.95, 2.05), hall.hang("front", 1.4, 0, 0.95, 2.05)]
     )
-    _hang_posters(rng, made, room, 6, 22)
-    _stack_boxes(rng, made, room, 14)
+    _hang_posters(rng, made, hall, 6, 22)
+    _stack_boxes(rng, made, hall, 14)
     _drop_papers(rng, made, 40)
     return made
 
 
 def office(rng: np.random.Generator) -> World:
-    """A large room with carpet tiles: desks, bookshelves, drawers, chairs, boxes and notices."""
-    room, made = Room(-6.5, 9.5, -4.4, 5.4, 2.7), World()
-    made.obstacles += room.barriers()
-    made.add(textures.carpet(rng), [room.floor(2.0)])
-    made.add(textures.plaster(rng, (184, 190, 194), wear=0.6), room.walls(SIDES, 2.4, 0.0, 2.7))
-    made.add(textures.ceiling(rng), [room.ceiling(1.2)])
-    wood: list[Mesh] = room.walls(SIDES, 0.8, 0.0, 0.1, BAND_GAP_M)
+    """A large office with carpet tiles: desks, bookshelves, drawers, chairs, boxes and notices."""
+    hall, made = Interior(-6.5, 9.5, -4.4, 5.4, 2.7), World()
+    made.obstacles += hall.barriers()
+    made.add(textures.carpet(rng), [hall.floor(2.0)])
+    made.add(textures.plaster(rng, (184, 190, 194), wear=0.6), hall.walls(SIDES, 2.4, 0.0, 2.7))
+    made.add(textures.ceiling(rng), [hall.ceiling(1.2)])
+    wood: list[Mesh] = hall.walls(SIDES, 0.8, 0.0, 0.1, BAND_GAP_M)
     dark: list[Mesh] = []
     for x in np.arange(-5.2, 8.5, 2.3).tolist():
         for y in (-3.3, 4.2):
             _desk(rng, made, wood, dark, x + rng.uniform(-0.25, 0.25), y + rng.uniform(-0.1, 0.1))
     made.add(textures.planks(rng, colour=(176, 142, 102)), wood)
     made.add(textures.plaster(rng, (74, 78, 86), 512), dark)
-    _stand_shelves(rng, made, room)
-    _hang_posters(rng, made, room, 6, 26)
-    _stack_boxes(rng, made, room, 12)
+    _stand_shelves(rng, made, hall)
+    _hang_posters(rng, made, hall, 6, 26)
+    _stack_boxes(rng, made, hall, 12)
     _drop_papers(rng, made, 36)
     return made
 
@@ -77,20 +77,20 @@ def rubble(rng: np.random.Generator) -> World:
 
     Pebbles under 4 cm lie about too, loose: they do not stop the robot.
     """
-    room, made = Room(-8.0, 10.5, -7.0, 7.0, 4.5), World()
-    made.obstacles += room.barriers()
-    made.add(textures.gravel(rng), [room.floor(2.6)])
-    made.add(textures.stone(rng), room.walls(("left", "front"), 3.0, 0.0, 4.5))
-    masonry = room.walls(("right", "back"), 2.4, 0.0, 4.5)
+    hall, made = Interior(-8.0, 10.5, -7.0, 7.0, 4.5), World()
+    made.obstacles += hall.barriers()
+    made.add(textures.gravel(rng), [hall.floor(2.6)])
+    made.add(textures.stone(rng), hall.walls(("left", "front"), 3.0, 0.0, 4.5))
+    masonry = hall.walls(("right", "back"), 2.4, 0.0, 4.5)
     heaps: tuple[list[Mesh], list[Mesh]] = ([], [])
     for k in range(130):
         size = float(np.exp(rng.uniform(np.log(0.1), np.log(1.3))))
-        x, y = _free_spot(rng, room, size / 2.0 + 0.1)
+        x, y = _free_spot(rng, hall, size / 2.0 + 0.1)
         shape_m = (size, size * rng.uniform(0.6, 1.0), size * rng.uniform(0.4, 1.1))
         heaps[k % 2].append(meshes.rock(rng, (x, y, shape_m[2] * 0.25), shape_m, 0.9))
         made.block(x, y, (size * 0.75, shape_m[1] * 0.75, shape_m[2] * 0.7))
     for _ in range(9):
-        x, y = _free_spot(rng, room, 0.9)
+        x, y = _free_spot(rng, hall, 0.9)
         masonry.append(
             meshes.box(*made.block(x, y, (1.4, 0.3, rng.uniform(0.3, 1.6)), rng.uniform(0, np.pi)), tile_m=1.6)
         )
@@ -106,37 +106,37 @@ def rubble(rng: np.random.Generator) -> World:
 
 def blank(rng: np.random.Generator) -> World:
     """A hall of smooth paint and one floor covering: a skirting, two doors, few notices and little else to see."""
-    room, made = Room(-6.5, 10.0, -3.4, 4.2, 2.6), World()
-    made.obstacles += room.barriers()
-    made.add(textures.plaster(rng, (150, 152, 150), wear=0.15), [room.floor(3.0)])
-    made.add(textures.plaster(rng, (196, 196, 190), wear=0.0), room.walls(SIDES, 4.0, 0.0, 2.6))
-    made.add(textures.plaster(rng, (204, 204, 202), wear=0.0), [room.ceiling(4.0)])
-    made.add(textures.plaster(rng, (96, 92, 88), 512, wear=0.0), room.walls(SIDES, 2.0, 0.0, 0.12, BAND_GAP_M))
-    made.add(textures.door(rng), [room.hang("left", 2.5, 0.0, 0.95, 2.05), room.hang("front", -1.0, 0.0, 0.95, 2.05)])
-    _hang_posters(rng, made, room, 2, 9)
+    hall, made = Interior(-6.5, 10.0, -3.4, 4.2, 2.6), World()
+    made.obstacles += hall.barriers()
+    made.add(textures.plaster(rng, (150, 152, 150), wear=0.15), [hall.floor(3.0)])
+    made.add(textures.plaster(rng, (196, 196, 190), wear=0.0), hall.walls(SIDES, 4.0, 0.0, 2.6))
+    made.add(textures.plaster(rng, (204, 204, 202), wear=0.0), [hall.ceiling(4.0)])
+    made.add(textures.plaster(rng, (96, 92, 88), 512, wear=0.0), hall.walls(SIDES, 2.0, 0.0, 0.12, BAND_GAP_M))
+    made.add(textures.door(rng), [hall.hang("left", 2.5, 0.0, 0.95, 2.05), hall.hang("front", -1.0, 0.0, 0.95, 2.05)])
+    _hang_posters(rng, made, hall, 2, 9)
     return made
 
 
-def _hang_posters(rng: np.random.Generator, made: World, room: Room, kinds: int, count: int) -> None:
+def _hang_posters(rng: np.random.Generator, made: World, hall: Interior, kinds: int, count: int) -> None:
     sheets = [textures.poster(rng) for _ in range(kinds)]
     placed: list[list[Mesh]] = [[] for _ in sheets]
     taken: list[tuple[str, float, float]] = []
     for k in range(count):
         width = rng.uniform(0.35, 0.75)
-        side, along = _free_wall(rng, room, taken, width)
-        placed[k % kinds].append(room.hang(side, along, rng.uniform(0.25, 1.35), width, width * 1.5))
+        side, along = _free_wall(rng, hall, taken, width)
+        placed[k % kinds].append(hall.hang(side, along, rng.uniform(0.25, 1.35), width, width * 1.5))
     for sheet, shapes in zip(sheets, placed, strict=True):
         made.add(sheet, shapes)
 
 
 def _free_wall(
-    rng: np.random.Generator, room: Room, taken: list[tuple[str, float, float]], width_m: float
+    rng: np.random.Generator, hall: Interior, taken: list[tuple[str, float, float]], width_m: float
 ) -> tuple[str, float]:
     """Return a side and a place on it that no other sheet has, and note it in ``taken``; at last any place."""
     side, along = "left", 0.0
     for _ in range(20):
         side = SIDES[int(rng.choice(4, p=[0.36, 0.36, 0.06, 0.22]))]
-        low, high = (room.x0, room.x1) if side in ("left", "right") else (room.y0, room.y1)
+        low, high = (hall.x0, hall.x1) if side in ("left", "right") else (hall.y0, hall.y1)
         along = rng.uniform(low + 0.6, high - 0.6)
         if all(side != s or abs(along - a) > (width_m + w) / 2.0 + 0.05 for s, a, w in taken):
             break
@@ -144,13 +144,13 @@ def _free_wall(
     return side, along
 
 
-def _stack_boxes(rng: np.random.Generator, made: World, room: Room, count: int) -> None:
+def _stack_boxes(rng: np.random.Generator, made: World, hall: Interior, count: int) -> None:
     """Put cardboard boxes along the walls, some on top of others."""
     kinds = [textures.cardboard(rng) for _ in range(2)]
     placed: tuple[list[Mesh], list[Mesh]] = ([], [])
     for k in range(count):
         size = rng.uniform(0.22, 0.42, 3)
-        x, y = _free_spot(rng, room, 0.3)
+        x, y = _free_spot(rng, hall, 0.3)
         block = made.block(x, y, (float(size[0]), float(size[1]), float(size[2])), rng.uniform(0, np.pi))
         placed[k % 2].append(meshes.box(*block))
         if rng.random() < 0.5:
@@ -169,18 +169,18 @@ def _drop_papers(rng: np.random.Generator, made: World, count: int) -> None:
         right = (size * np.cos(yaw), size * np.sin(yaw), 0.0)
         up = (-0.7 * size * np.sin(yaw), 0.7 * size * np.cos(yaw), 0.0)
         corner = (rng.uniform(-4.0, 8.5), rng.uniform(-3.0, 3.6), 0.0015 + 0.0002 * k)
-        placed[k % len(kinds)].append(meshes.picture(corner, right, up))
+        placed[k % len(kinds)].append(meshes.poster(corner, right, up))
     for texture, shapes in zip(kinds, placed, strict=True):
         made.add(texture, shapes)
 
 
-def _stand_shelves(rng: np.random.Generator, made: World, room: Room) -> None:
+def _stand_shelves(rng: np.random.Generator, made: World, hall: Interior) -> None:
     texture, shapes = textures.bookshelf(rng), list[Mesh]()
     for x in (-3.5, 0.2, 3.9, 7.0):
-        for y in (room.y0 + 0.16, room.y1 - 0.16):
+        for y in (hall.y0 + 0.16, hall.y1 - 0.16):
             shapes.append(meshes.box(*made.block(x + rng.uniform(-0.4, 0.4), y, (1.2, 0.3, rng.uniform(1.5, 2.1)))))
     for y in (-2.9, 0.3, 2.9):
-        shapes.append(meshes.box(*made.block(room.x1 - 0.16, y + rng.uniform(-0.3, 0.3), (0.3, 1.3, 1.9))))
+        shapes.append(meshes.box(*made.block(hall.x1 - 0.16, y + rng.uniform(-0.3, 0.3), (0.3, 1.3, 1.9))))
     made.add(texture, shapes)
 
 
@@ -196,9 +196,9 @@ def _desk(rng: np.random.Generator, made: World, wood: list[Mesh], dark: list[Me
         dark.append(meshes.box(*made.block(x, y, (0.42, 0.4, 0.06), rng.uniform(0, 1.0), 0.45), tile_m=0.5))
 
 
-def _free_spot(rng: np.random.Generator, room: Room, margin_m: float) -> tuple[float, float]:
-    """Return a place inside the room and outside the part that is kept clear."""
+def _free_spot(rng: np.random.Generator, hall: Interior, margin_m: float) -> tuple[float, float]:
+    """Return a position inside the hall and outside the part that is kept clear."""
     while True:
-        x, y = rng.uniform(room.x0 + margin_m, room.x1 - margin_m), rng.uniform(room.y0 + margin_m, room.y1 - margin_m)
+        x, y = rng.uniform(hall.x0 + margin_m, hall.x1 - margin_m), rng.uniform(hall.y0 + margin_m, hall.y1 - margin_m)
         if y < -CLEAR_RIGHT_M - margin_m or y > CLEAR_LEFT_M + margin_m or x > AHEAD_M + margin_m:
             return x, y

@@ -35,7 +35,7 @@ UNUSED = frozenset(
     {"rostopic", "topic", "cam_overlaps", "T_cn_cnm1", "sensor_type", "sensor_id", "comment", "is_fisheye", "T_BS"}
 )
 UNCORRECTED_MODELS = ("calibrated", "kalibr", "rpng")
-"""IMU models whose corrections stand in matrices beside them, which are told where they correct anything."""
+"""IMU models whose corrections stand in matrices beside them, which are reported where they correct anything."""
 
 
 def find_chain(folders: Sequence[Path]) -> Path | None:
@@ -79,15 +79,15 @@ def find_imu_file(folders: Sequence[Path]) -> Path | None:
 
 
 def read_camera(
-    path: Path, group: str, values: Mapping[str, Any], notes: list[str], place_unknown: bool = False
+    path: Path, group: str, values: Mapping[str, Any], notes: list[str], extrinsics_unknown: bool = False
 ) -> CameraCalibration:
     """Return the camera of the keys ``values`` in any of the forms; InputError names the file and the key.
 
-    With ``place_unknown`` a transform that is missing is taken to be the identity.
+    With ``extrinsics_unknown`` a transform that is missing is taken to be the identity.
     """
     known = _renamed(values, CAMERA_ALIASES)
     T_CI = _camera_transform(path, group, known)
-    if T_CI is None and place_unknown:
+    if T_CI is None and extrinsics_unknown:
         T_CI = np.eye(4)
     if T_CI is not None:
         known["T_cam_imu"] = T_CI.tolist()
@@ -208,9 +208,9 @@ def _known(
 ) -> dict[str, Any]:
     """Return what ``model`` has fields for; other keys are noted unless they change nothing."""
     others = [key for key in values if key not in model.model_fields and key not in UNUSED]
-    told = [_key(group, key) for key in others if not _changes_nothing(values[key])]
-    if told:
-        notes.append(f"{path}: {', '.join(told[:6])}{', ...' * (len(told) > 6)}: not used")
+    ignored = [_key(group, key) for key in others if not _changes_nothing(values[key])]
+    if ignored:
+        notes.append(f"{path}: {', '.join(ignored[:6])}{', ...' * (len(ignored) > 6)}: not used")
     return {key: value for key, value in values.items() if key in model.model_fields}
 
 

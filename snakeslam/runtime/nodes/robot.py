@@ -198,7 +198,7 @@ class RobotNode:
             if isinstance(packet, CameraFrame):
                 self._bus.publish(FRAMES, packet)
         camera = self._robot.backend.remote_camera
-        for exposure in camera.take_exposures() if camera is not None else ():
+        for exposure in camera.read_exposures() if camera is not None else ():
             self._bus.publish(EXPOSURES, Exposure(boot, exposure))
 
     def _note_progress(self, heartbeat: Heartbeat) -> None:

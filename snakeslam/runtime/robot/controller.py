@@ -184,7 +184,7 @@ class RobotController:
                 self._imu = packet
             elif isinstance(packet, JointState):
                 self._joints = packet
-        return Step(target, packets, self.backend.take_ground_truth())
+        return Step(target, packets, self.backend.read_ground_truth())
 
     def hold(self, reason: str) -> None:
         """Brake to a stop and hold, as at the end of the node."""

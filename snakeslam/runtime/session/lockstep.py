@@ -42,7 +42,7 @@ class Loop:
 
     def _replay(self) -> tuple[Sequence[Packet] | None, Sequence[GroundTruth]]:
         packets = self.backend.step(None)
-        return packets, self.backend.take_ground_truth()
+        return packets, self.backend.read_ground_truth()
 
     def _advance(self) -> tuple[Sequence[Packet] | None, Sequence[GroundTruth]]:
         assert self._robot is not None
@@ -52,7 +52,7 @@ class Loop:
         if held_because is not None:
             raise BackendError(f"the robot was held at {t_ns * NS:.2f} s of the run: {held_because}")
         if step is None:
-            return None, self.backend.take_ground_truth()
+            return None, self.backend.read_ground_truth()
         if step.target is not None:
             self._runner.add(step.target)
         return step.packets, step.truth

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from snakeslam.estimation.base import FrameEstimate
-from snakeslam.estimation.filter.imu_doubt import STUCK, SampleJudge
+from snakeslam.estimation.filter.imu_doubt import STUCK, ImuFaultDetector
 from snakeslam.estimation.settings import EstimatorSettings
 from snakeslam.estimation.vio.odometry import VisualInertialOdometry
 from snakeslam.messages import ImuSample, Packet, Verdict
@@ -92,26 +92,26 @@ def samples(accel: np.ndarray, gyro: np.ndarray | None = None) -> list[ImuSample
 
 def test_vibration_and_a_step_are_no_lasting_doubt(rng: np.random.Generator) -> None:
     """Strong vibration is usual for its neighbours; a lasting change is believed after half of the neighbours."""
-    judge = SampleJudge()
+    detector = ImuFaultDetector()
     accel = GRAVITY + rng.normal(0, 3.0, (400, 3))
-    assert sum(judge.judge(s)[1] is not None for s in samples(accel)) == 0
-    judge, step = SampleJudge(), np.tile(GRAVITY, (60, 1)) + rng.normal(0, 0.03, (60, 3))
+    assert sum(detector.check(s)[1] is not None for s in samples(accel)) == 0
+    detector, step = ImuFaultDetector(), np.tile(GRAVITY, (60, 1)) + rng.normal(0, 0.03, (60, 3))
     step[30:, 0] += 20.0
-    doubted = [k for k, s in enumerate(samples(step)) if judge.judge(s)[1] is not None]
+    doubted = [k for k, s in enumerate(samples(step)) if detector.check(s)[1] is not None]
     assert doubted
     assert set(doubted) <= set(range(30, 36))
 
 
 def test_a_spike_goes_on_with_its_neighbours(rng: np.random.Generator) -> None:
-    judge, accel = SampleJudge(), np.tile(GRAVITY, (20, 1)) + rng.normal(0, 0.03, (20, 3))
+    detector, accel = ImuFaultDetector(), np.tile(GRAVITY, (20, 1)) + rng.normal(0, 0.03, (20, 3))
     accel[15] = [156.9, -156.9, 156.9]
-    results = [judge.judge(s) for s in samples(accel)]
+    results = [detector.check(s) for s in samples(accel)]
     assert [k for k, (_, doubt) in enumerate(results) if doubt is not None] == [15]
     assert np.linalg.norm(results[15][0].accel_I - GRAVITY) < 0.2
     assert results[15][1].accel_m_s2 > 200.0
 
 
 def test_a_stuck_sensor_is_doubted() -> None:
-    judge = SampleJudge()
-    doubts = [judge.judge(s)[1] for s in samples(np.tile(GRAVITY, (10, 1)))]
+    detector = ImuFaultDetector()
+    doubts = [detector.check(s)[1] for s in samples(np.tile(GRAVITY, (10, 1)))]
     assert [doubt is not None and doubt.stuck for doubt in doubts] == [k >= STUCK for k in range(10)]

@@ -1,8 +1,8 @@
-"""Which IMU samples are doubted, and what that is worth: knocks, spikes, saturated, stuck and missing samples.
+"""Doubted IMU samples (knocks, spikes, saturation, stuck and missing samples) and the covariance that they add.
 
-A sample that jumps away from its neighbours is either a disturbance or a hit that really moved the head, and the IMU
-alone cannot tell. So it is neither trusted nor deleted: the mean goes on with what its neighbours say, the covariance
-of the motion grows by the whole jump, and the camera decides in the update.
+A sample that jumps away from its neighbours is either a disturbance of the sensor or a hit that really moved the head,
+and the IMU alone cannot decide which. So it is neither used as it is nor deleted: the mean is propagated with the
+median of its neighbours, the covariance of the motion grows by the whole jump, and the camera decides in the update.
 """
 
 from collections import deque
@@ -13,22 +13,25 @@ import numpy as np
 from snakeslam.messages import Float, ImuSample
 
 NEIGHBOURS = 9
+"""Samples before, whose median is the reference: 45 ms at 200 Hz. A lasting change is believed after half of them."""
 FEWEST = 5
+"""Fewer samples than this have no meaningful median."""
 JUMP_ACCEL_M_S2, JUMP_RATE_RAD_S = 5.0, 1.0
-"""Least distance from the median of the samples before that is doubted."""
-JUMP_SPREADS = 5.0
+"""Least distance from that median that is doubted."""
+JUMP_STEPS = 5.0
 """The same in units of the median step from sample to sample: vibration is no jump."""
 STUCK = 4
-"""So many times the same six values in succession: the sensor repeats itself."""
+"""A sensor that repeats its six values so many times is stuck: noise alone changes them."""
 SILENT_ACCEL_M_S2, SILENT_RATE_RAD_S = 2.0, 1.0
-"""What may change unseen while samples are missing or stuck."""
+"""Assumed acceleration and rate of the head, one sigma, while samples are missing or stuck."""
 MAX_SIGMA_V_M_S, MAX_SIGMA_THETA_RAD = 0.5, 0.3
-"""No hit changes a head's velocity or rotation by more between two frames."""
+"""Upper limits of the added sigmas: no hit changes the head's velocity or orientation by more between two frames."""
+GRAVITY_M_S2 = 9.81
 
 
 @dataclass(frozen=True, slots=True)
 class SampleDoubt:
-    """What one sample may be wrong by: ``rate_rad_s`` and ``accel_m_s2`` (norms), and which of the faults it is."""
+    """The possible error of one sample, ``rate_rad_s`` and ``accel_m_s2`` (norms), and whether the sensor is stuck."""
 
     rate_rad_s: float
     accel_m_s2: float
@@ -37,9 +40,9 @@ class SampleDoubt:
 
 @dataclass(frozen=True, slots=True)
 class MotionDoubt:
-    """One sigma of what a span of the IMU may be wrong by beyond its noise, and the words that say why.
+    """One sigma of the error of a span of the IMU beyond its noise, and the reasons for the operator.
 
-    ``v_m_s`` and ``theta_rad`` are per axis; ``lag_s`` is how long before the end of the span it happened (mean).
+    ``v_m_s`` and ``theta_rad`` are per axis; ``lag_s`` is the mean time from the doubted samples to the span's end.
     """
 
     v_m_s: float
@@ -49,20 +52,21 @@ class MotionDoubt:
 
     @property
     def variance_v(self) -> float:
-        """Of the velocity, with what a wrong rotation turns gravity by in the meantime, (m/s)^2."""
-        return self.v_m_s**2 + (9.81 * self.theta_rad * self.lag_s) ** 2
+        """Variance of the velocity, (m/s)^2: sigma_v^2 + (g sigma_theta lag)^2; a wrong tilt integrates gravity."""
+
+        return self.v_m_s**2 + (GRAVITY_M_S2 * self.theta_rad * self.lag_s) ** 2
 
 
-class SampleJudge:
-    """Compares each sample with those before it."""
+class ImuFaultDetector:
+    """Compares each sample with the last NEIGHBOURS."""
 
     def __init__(self) -> None:
         self._before: deque[ImuSample] = deque(maxlen=NEIGHBOURS)
         self._repeats = 0
         self._jumped = False
 
-    def judge(self, sample: ImuSample) -> tuple[ImuSample, SampleDoubt | None]:
-        """Return the sample to integrate and its doubt: the same and None where nothing is wrong with it."""
+    def check(self, sample: ImuSample) -> tuple[ImuSample, SampleDoubt | None]:
+        """Return the sample to integrate and its doubt; the same sample and None if it is plausible."""
         if not self._before:
             self._before.append(sample)
             return sample, None
@@ -74,7 +78,7 @@ class SampleJudge:
         if self._repeats >= STUCK:
             return sample, SampleDoubt(SILENT_RATE_RAD_S, SILENT_ACCEL_M_S2, stuck=True)
         if not self._jumped and d_gyro @ d_gyro < JUMP_RATE_RAD_S**2 and d_accel @ d_accel < JUMP_ACCEL_M_S2**2:
-            # What is near a sample that is not doubted is no jump: almost all samples end here.
+            # A sample near one that is not doubted is no jump. Almost all samples end here.
             return sample, None
         if len(before) < FEWEST:
             return sample, None
@@ -86,28 +90,29 @@ class SampleJudge:
         return ImuSample(sample.t_ns, gyro, accel), SampleDoubt(rate, force)
 
     def clear(self) -> None:
-        """Forget the samples before."""
+        """Drop the reference, after the clock has been set."""
         self._before.clear()
         self._repeats = 0
         self._jumped = False
 
 
 def _jump(before: Float, value: Float, least: float) -> tuple[Float, float]:
-    """Return the value and 0, or the median of those ``before`` (n, 3) and how far the value jumps away from it."""
-    usual = np.median(before, axis=0)
-    distance = float(np.linalg.norm(value - usual))
+    """Return (value, 0) or, for a jump, the median of the values ``before`` (n, 3) and the distance from it."""
+    reference = np.median(before, axis=0)
+    distance = float(np.linalg.norm(value - reference))
     if distance <= least:
         return value, 0.0
     step = float(np.median(np.linalg.norm(np.diff(before, axis=0), axis=1)))
-    return (usual, distance) if distance > JUMP_SPREADS * step else (value, 0.0)
+    return (reference, distance) if distance > JUMP_STEPS * step else (value, 0.0)
 
 
 def motion_doubt(
     doubts: list[tuple[int, SampleDoubt]], start_ns: int, end_ns: int, period_s: float
 ) -> MotionDoubt | None:
-    """Return what doubted samples (time, doubt) make of the motion between two times, None without any.
+    """Return the error of the motion between two times by doubted samples (time, doubt); None without any.
 
-    A sample is wrong for one period, and the errors of neighbours add up: v = sum |da| dt, theta = sum |dw| dt.
+    A sample is wrong for one period, and the errors of neighbours add up: sigma_v = sum |da| dt, sigma_theta =
+    sum |dw| dt.
     """
     inside = [(t_ns, doubt) for t_ns, doubt in doubts if start_ns < t_ns <= end_ns + round(period_s * 1e9)]
     if not inside:

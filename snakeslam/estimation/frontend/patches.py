@@ -1,12 +1,13 @@
-"""Where followed features really are: aligned with their looks when they were found, so that KLT's creeping ends.
+"""Alignment of tracked features with their reference patches, which removes the drift of frame-to-frame KLT.
 
-From picture to picture KLT is wrong by thousandths of a pixel to the same side, inwards while the camera goes ahead,
-and keeps what it was wrong by. Here a window W of the first picture is sought in the newest by inverse-compositional
-Gauss-Newton [Baker04] over its place u alone; its shape is known from the camera's turn R and the depths z0, z1:
+From frame to frame KLT errs by thousandths of a pixel towards the same side, inwards while the camera moves ahead, and
+these errors accumulate. Here the patch W around a feature in its first image is aligned with the newest image I by
+inverse-compositional Gauss-Newton [Baker04] over the position u alone; its shape follows from the camera's rotation R
+since then and the depths z0, z1:
 
     min_u sum_d (I(u + A d) - W(d))^2,   A = z0/z1 [R_00 - x R_20, R_01 - x R_21; R_10 - y R_20, R_11 - y R_21]
 
-with (x, y) normalised, both windows brought to mean 0 and scatter 1, so that exposure does not matter.
+with (x, y) normalised. Both patches are brought to mean 0 and standard deviation 1, so that exposure does not matter.
 """
 
 import numpy as np
@@ -20,44 +21,54 @@ Float32 = NDArray[np.float32]
 
 RADIUS_PX = 6
 SIDE = 2 * RADIUS_PX + 1
-STEPS = 8
-SETTLED_PX = 0.005
-MOST_CREPT_PX = 2.0
-"""Further from where KLT followed it to, another thing may look alike."""
-LEAST_ALIKE = 0.9
-"""Least correlation of the two windows."""
-LEAST_SCATTER = 2.0
-"""Grey levels: a window that is paler tells no place."""
-LEAST_SCALE, MOST_SCALE = 0.6, 1.6
-FIRST_ROOM = 256
+"""Side of a patch, 13 px: that of KLT's window."""
+MAX_STEPS = 8
+CONVERGED_PX = 0.005
+"""Step at which Gauss-Newton ends: the size of the errors that are to be removed."""
+MAX_SHIFT_PX = 2.0
+"""A patch further than this from where KLT tracked it belongs to something else that is similar."""
+MIN_CORRELATION = 0.9
+"""Least correlation of the two patches."""
+MIN_CONTRAST = 2.0
+"""Least standard deviation of a patch in grey levels; a paler one has no unique position."""
+MIN_SCALE, MAX_SCALE = 0.6, 1.6
+"""Range of the patch's magnification sqrt(det A): beyond it the two images have too different a resolution."""
+FIRST_CAPACITY = 256
 
 
-class Anchors:
-    """The first looks of features that have a depth, (N,) of them in the order of ``ids``."""
+class ReferencePatches:
+    """The reference patches of N features with depth, each from the image in which the feature was found.
+
+    The arrays have room for more patches than there are; ``_slots`` (N,) are the rows in use.
+    """
 
     def __init__(self) -> None:
         self._ids = np.empty(0, np.int64)
         self._slots = np.empty(0, np.int64)
-        self._R = np.empty((FIRST_ROOM, 3, 3))
-        self._depth_m = np.empty(FIRST_ROOM)
-        self._looks = np.empty((FIRST_ROOM, SIDE * SIDE, 3), np.float32)
+        self._R = np.empty((FIRST_CAPACITY, 3, 3))
+        self._depth_m = np.empty(FIRST_CAPACITY)
+        self._patches = np.empty((FIRST_CAPACITY, SIDE * SIDE, 3), np.float32)
 
-    def settle(
+    def align(
         self, gray: NDArray[np.uint8], px: Float32, ids: NDArray[np.int64], xy: Float, depth_m: Float, R_CF: Float
     ) -> Float32:
-        """Return where the features at ``px`` (M, 2) are; those without an anchor stay where KLT followed them to.
+        """Return the positions (M, 2) of features that KLT tracked to ``px``, aligned with their patches.
 
-        ``xy`` (M, 2) are their normalised coordinates, ``depth_m`` (M,) with 0 for unknown, ``R_CF`` (3, 3) turns from
-        the first camera to this one. Anchors of other features, and of those that look otherwise now, are forgotten.
+        ``xy`` (M, 2) are their normalised coordinates, ``depth_m`` (M,) with 0 for unknown, ``R_CF`` (3, 3) the
+        rotation from the first camera frame F to this one. Features without a patch stay where they are. Patches of
+        features that are no longer tracked, or no longer similar to their patch, are dropped.
         """
         self._keep(among(self._ids, ids))
         order = np.argsort(ids, kind="stable")
         at = order[np.searchsorted(ids[order], self._ids)]
         seen = depth_m[at] > 0.0
         at, slots = at[seen], self._slots[seen]
-        A = _shapes(R_CF @ np.swapaxes(self._R[slots], 1, 2), xy[at], self._depth_m[slots] / depth_m[at])
-        found, alike = _align(gray, px[at], A, self._looks, slots)
-        good = (alike >= LEAST_ALIKE) & (np.abs(found - px[at]).max(axis=1, initial=0.0) < MOST_CREPT_PX)
+        # A = z0/z1 (R_xy - (x, y)^T R_z) of each, with R from the patch's camera to this one.
+        R = R_CF @ np.swapaxes(self._R[slots], 1, 2)
+        A = R[:, :2, :2] - xy[at][:, :, None] * R[:, 2:, :2]
+        A = np.asarray(A * (self._depth_m[slots] / depth_m[at])[:, None, None], dtype=np.float64)
+        found, correlation = _align_all(gray, px[at], A, self._patches, slots)
+        good = (correlation >= MIN_CORRELATION) & (np.abs(found - px[at]).max(axis=1, initial=0.0) < MAX_SHIFT_PX)
         px = px.copy()
         px[at[good]] = found[good]
         keep = np.ones(len(self._ids), bool)
@@ -66,10 +77,10 @@ class Anchors:
         return px
 
     def add(self, gray: NDArray[np.uint8], px: Float32, ids: NDArray[np.int64], depth_m: Float, R_CF: Float) -> None:
-        """Take the looks of the features with a depth that have no anchor yet."""
+        """Store the patches of those features with depth that have none yet."""
         new = np.flatnonzero((depth_m > 0.0) & ~among(ids, self._ids))
         slots = self._free(len(new))
-        good = _look(gray, px[new], self._looks, slots)
+        good = _extract(gray, px[new], self._patches, slots)
         new, slots = new[good], slots[good]
         self._R[slots], self._depth_m[slots] = R_CF, depth_m[new]
         self._ids, self._slots = np.concatenate([self._ids, ids[new]]), np.concatenate([self._slots, slots])
@@ -78,26 +89,20 @@ class Anchors:
         self._ids, self._slots = self._ids[mask], self._slots[mask]
 
     def _free(self, count: int) -> NDArray[np.int64]:
-        """Return slots that no anchor has, (count,)."""
-        missing = count - (len(self._looks) - len(self._slots))
+        """Return unused slots, (count,); the arrays grow when there are too few."""
+        missing = count - (len(self._patches) - len(self._slots))
         if missing > 0:
-            room = len(self._looks) + max(missing, len(self._looks))
-            self._R, self._depth_m = np.resize(self._R, (room, 3, 3)), np.resize(self._depth_m, room)
-            self._looks = np.resize(self._looks, (room, SIDE * SIDE, 3))
-        used = np.zeros(len(self._looks), bool)
+            capacity = len(self._patches) + max(missing, len(self._patches))
+            self._R, self._depth_m = np.resize(self._R, (capacity, 3, 3)), np.resize(self._depth_m, capacity)
+            self._patches = np.resize(self._patches, (capacity, SIDE * SIDE, 3))
+        used = np.zeros(len(self._patches), bool)
         used[self._slots] = True
         return np.flatnonzero(~used)[:count]
 
 
-def _shapes(R: Float, xy: Float, ratio: Float) -> Float:
-    """Return A (N, 2, 2)."""
-    A = R[:, :2, :2] - xy[:, :, None] * R[:, 2:, :2]
-    return np.asarray(A * ratio[:, None, None], dtype=np.float64)
-
-
 @compiled
 def _grey(gray: NDArray[np.uint8], u: float, v: float) -> float:
-    """Return the grey level between four pixels."""
+    """Return the grey level at (u, v), bilinear between four pixels."""
     i, j = int(v), int(u)
     a, b = u - j, v - i
     above = (1.0 - a) * gray[i, j] + a * gray[i, j + 1]
@@ -106,67 +111,76 @@ def _grey(gray: NDArray[np.uint8], u: float, v: float) -> float:
 
 
 @compiled
-def _holds(gray: NDArray[np.uint8], u: float, v: float, A: Float, radius: int) -> bool:
-    """Return whether the window about (u, v) with shape ``A`` is inside the picture."""
+def _contains(gray: NDArray[np.uint8], u: float, v: float, A: Float, radius: int) -> bool:
+    """Return whether the patch around (u, v) with shape ``A`` is inside the image."""
     wide = radius * (abs(A[0, 0]) + abs(A[0, 1]))
     high = radius * (abs(A[1, 0]) + abs(A[1, 1]))
     return bool(wide <= u < gray.shape[1] - 1.0 - wide and high <= v < gray.shape[0] - 1.0 - high)
 
 
 @compiled
-def _look(gray: NDArray[np.uint8], px: Float32, looks: Float32, slots: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Write (window, slope by x, slope by y) of mean 0, in scatters of the window, to the slots; which are of use."""
+def _extract(gray: NDArray[np.uint8], px: Float32, patches: Float32, slots: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Write (patch, gradient by x, gradient by y) to the slots; return which features have enough contrast.
+
+    All three have mean 0 and are divided by the patch's standard deviation.
+    """
     good = np.zeros(len(px), np.bool_)
     wide = np.empty((SIDE + 2, SIDE + 2))
     plain = np.eye(2)
     for k in range(len(px)):
         u, v = float(px[k, 0]), float(px[k, 1])
-        if not _holds(gray, u, v, plain, RADIUS_PX + 1):
+        if not _contains(gray, u, v, plain, RADIUS_PX + 1):
             continue
         for i in range(SIDE + 2):
             for j in range(SIDE + 2):
                 wide[i, j] = _grey(gray, u + j - RADIUS_PX - 1, v + i - RADIUS_PX - 1)
-        window, by_x, by_y = wide[1:-1, 1:-1], wide[1:-1, 2:] - wide[1:-1, :-2], wide[2:, 1:-1] - wide[:-2, 1:-1]
-        scatter = window.std()
-        if scatter < LEAST_SCATTER:
+        patch, by_x, by_y = wide[1:-1, 1:-1], wide[1:-1, 2:] - wide[1:-1, :-2], wide[2:, 1:-1] - wide[:-2, 1:-1]
+        std = patch.std()
+        if std < MIN_CONTRAST:
             continue
         good[k] = True
-        look = looks[slots[k]]
-        look[:, 0] = ((window - window.mean()) / scatter).ravel()
-        look[:, 1] = ((by_x - by_x.mean()) / (2.0 * scatter)).ravel()
-        look[:, 2] = ((by_y - by_y.mean()) / (2.0 * scatter)).ravel()
+        out = patches[slots[k]]
+        out[:, 0] = ((patch - patch.mean()) / std).ravel()
+        out[:, 1] = ((by_x - by_x.mean()) / (2.0 * std)).ravel()
+        out[:, 2] = ((by_y - by_y.mean()) / (2.0 * std)).ravel()
     return good
 
 
 @compiled
-def _align(
-    gray: NDArray[np.uint8], px: Float32, A: Float, looks: Float32, slots: NDArray[np.int64]
+def _align_all(
+    gray: NDArray[np.uint8], px: Float32, A: Float, patches: Float32, slots: NDArray[np.int64]
 ) -> tuple[Float32, Float]:
-    """Return where the looks are found, (N, 2), and their correlation there, 0 where they leave the picture."""
+    """Return the aligned positions (N, 2) and the correlation there (N,), 0 where a patch leaves the image."""
     n = len(px)
-    found, alike = px.copy(), np.zeros(n)
+    found, correlation = px.copy(), np.zeros(n)
     for k in range(n):
-        look = looks[slots[k]]
-        if LEAST_SCALE**2 < A[k, 0, 0] * A[k, 1, 1] - A[k, 0, 1] * A[k, 1, 0] < MOST_SCALE**2:
-            found[k, 0], found[k, 1], alike[k] = _aligned(gray, float(px[k, 0]), float(px[k, 1]), A[k], look)
-    return found, alike
+        patch = patches[slots[k]]
+        if MIN_SCALE**2 < A[k, 0, 0] * A[k, 1, 1] - A[k, 0, 1] * A[k, 1, 0] < MAX_SCALE**2:
+            found[k, 0], found[k, 1], correlation[k] = _align(gray, float(px[k, 0]), float(px[k, 1]), A[k], patch)
+    return found, correlation
 
 
 @compiled
-def _aligned(gray: NDArray[np.uint8], u: float, v: float, A: Float, look: Float32) -> tuple[float, float, float]:
-    """Return where the look is found from (u, v) on, and its correlation there."""
+def _align(gray: NDArray[np.uint8], u: float, v: float, A: Float, patch: Float32) -> tuple[float, float, float]:
+    """Return the position of the patch, starting from (u, v), and the correlation there; 0 if it leaves the image.
+
+    Inverse-compositional: the gradients G = (W_x, W_y) are those of the patch, so that G^T G is summed only once. With
+    J = (I(u + A d) - mean) / std each step is d = (G^T G)^-1 G^T (W - J), u <- u + A d.
+    """
+    # Normal matrix and G^T W.
     xx = xy = yy = wx = wy = 0.0
     for m in range(SIDE * SIDE):
-        xx += look[m, 1] * look[m, 1]
-        xy += look[m, 1] * look[m, 2]
-        yy += look[m, 2] * look[m, 2]
-        wx += look[m, 1] * look[m, 0]
-        wy += look[m, 2] * look[m, 0]
+        xx += patch[m, 1] * patch[m, 1]
+        xy += patch[m, 1] * patch[m, 2]
+        yy += patch[m, 2] * patch[m, 2]
+        wx += patch[m, 1] * patch[m, 0]
+        wy += patch[m, 2] * patch[m, 0]
     det = xx * yy - xy * xy
-    alike = 0.0
-    for _ in range(STEPS):
-        if not _holds(gray, u, v, A, RADIUS_PX) or det <= 0.0:
+    correlation = 0.0
+    for _ in range(MAX_STEPS):
+        if not _contains(gray, u, v, A, RADIUS_PX) or det <= 0.0:
             return u, v, 0.0
+        # Sums over the patch at the present position: I, I^2, W I, G^T I.
         total = squares = product = gx = gy = 0.0
         m = 0
         for i in range(-RADIUS_PX, RADIUS_PX + 1):
@@ -174,19 +188,19 @@ def _aligned(gray: NDArray[np.uint8], u: float, v: float, A: Float, look: Float3
                 grey = _grey(gray, u + A[0, 0] * j + A[0, 1] * i, v + A[1, 0] * j + A[1, 1] * i)
                 total += grey
                 squares += grey * grey
-                product += look[m, 0] * grey
-                gx += look[m, 1] * grey
-                gy += look[m, 2] * grey
+                product += patch[m, 0] * grey
+                gx += patch[m, 1] * grey
+                gy += patch[m, 2] * grey
                 m += 1
         mean = total / m
-        scatter = np.sqrt(max(squares / m - mean * mean, 0.0))
-        if scatter < LEAST_SCATTER:
+        std = np.sqrt(max(squares / m - mean * mean, 0.0))
+        if std < MIN_CONTRAST:
             return u, v, 0.0
-        alike = product / (m * scatter)
-        bx, by = wx - gx / scatter, wy - gy / scatter
+        correlation = product / (m * std)
+        bx, by = wx - gx / std, wy - gy / std
         dx, dy = (yy * bx - xy * by) / det, (xx * by - xy * bx) / det
         u += A[0, 0] * dx + A[0, 1] * dy
         v += A[1, 0] * dx + A[1, 1] * dy
-        if dx * dx + dy * dy < SETTLED_PX * SETTLED_PX:
+        if dx * dx + dy * dy < CONVERGED_PX * CONVERGED_PX:
             break
-    return u, v, alike
+    return u, v, correlation

@@ -1,4 +1,4 @@
-"""What is known of each tracked feature: where it was seen from the window's clones, and how deep."""
+"""The table of tracks: where each feature was observed from the window's clones, and at what depth."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,7 +8,7 @@ from snakeslam.messages import Float
 
 
 def among(ids: NDArray[np.int64], others: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Return which of ``ids`` (N,) are in ``others`` (M,), which need no order; np.isin, but fast for few."""
+    """Return which of ``ids`` (N,) are in ``others`` (M,), in any order; np.isin, but fast for a few hundred."""
     return _among(np.ascontiguousarray(ids), np.sort(others))
 
 
@@ -25,8 +25,8 @@ class TrackTable:
     """Observations of M tracks from the n clones of the window, as arrays whose columns are the clones.
 
     ``ids`` (M,), ``xyz`` (M, n, 3) normalised (x, y) and depth in m (0 = unknown), ``seen`` (M, n); ``smear`` (n,) is
-    how far each clone's picture is smeared, normalised. ``flow`` (M, n, 2) is what a rolling shutter's readout does to
-    (x, y), per second of it.
+    the length of the motion blur in each clone's image, normalised. ``flow`` (M, n, 2) is the motion of (x, y) per
+    second of a rolling shutter's readout.
     """
 
     ids: NDArray[np.int64]
@@ -40,7 +40,7 @@ class TrackTable:
 
     @property
     def lengths(self) -> NDArray[np.int64]:
-        """Number of observations of each, (M,)."""
+        """Number of observations of each track, (M,)."""
         return np.asarray(self.seen.sum(axis=1))
 
     @property
@@ -51,7 +51,7 @@ class TrackTable:
     def observe(
         self, ids: NDArray[np.int64], xy: Float, depth_m: Float, smear: float = 0.0, flow: Float | float = 0.0
     ) -> None:
-        """Add the column of the newest clone; ids (k,) that are new become rows."""
+        """Add the observations from the newest clone as a column; ids (k,) that are new become rows."""
         known = among(ids, self.ids)
         new = ids[~known]
         m, n = self.seen.shape
@@ -77,7 +77,7 @@ class TrackTable:
         self.ids, self.xyz, self.seen, self.flow = self.ids[kept], self.xyz[kept], self.seen[kept], self.flow[kept]
 
     def clear(self) -> None:
-        """Drop everything, columns too."""
+        """Remove all tracks and columns."""
         self.ids = np.empty(0, np.int64)
         self.xyz = np.empty((0, 0, 3))
         self.seen = np.empty((0, 0), bool)

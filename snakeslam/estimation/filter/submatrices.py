@@ -1,4 +1,4 @@
-"""Parts of a covariance or an information matrix: picking by two index arrays takes numpy several times as long."""
+"""Submatrices of a covariance or an information matrix; numpy's indexing by two arrays takes several times as long."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,7 +8,7 @@ from snakeslam.messages import Float
 
 
 @compiled
-def part(matrix: Float, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> Float:
+def submatrix(matrix: Float, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> Float:
     """Return ``matrix[rows][:, columns]``, (len(rows), len(columns)), for index arrays (n,) and (m,)."""
     out = np.empty((len(rows), len(columns)))
     for i in range(len(rows)):
@@ -19,7 +19,7 @@ def part(matrix: Float, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> 
 
 
 @compiled
-def add_to_part(matrix: Float, rows: NDArray[np.int64], added: Float) -> None:
+def add_to_submatrix(matrix: Float, rows: NDArray[np.int64], added: Float) -> None:
     """Add ``added`` (n, n) to ``matrix[rows][:, rows]`` in place."""
     for i in range(len(rows)):
         for j in range(len(rows)):

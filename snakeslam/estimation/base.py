@@ -1,4 +1,4 @@
-"""What every estimator offers: packets in, one estimate for every camera frame out."""
+"""The interface of every estimator: packets in, one estimate for every camera frame out."""
 
 from dataclasses import dataclass
 from typing import Protocol
@@ -11,12 +11,12 @@ from snakeslam.messages import Float, Health, MapTie, Packet, PoseEstimate
 
 @dataclass(frozen=True, slots=True)
 class FrameEstimate:
-    """What an estimator says of one camera frame.
+    """An estimator's result for one camera frame.
 
     ``pose`` is None until initialised; ``tracks_px`` (M, 2) with ``track_ids`` (M,) and ``track_inliers`` (M,) are the
-    features followed into this frame; ``events`` are words for the timeline ("initialised", "reset", ...); ``T_IC`` is
-    the camera on the IMU, None where it is as calibrated; ``island`` is the map that the pose is in, 0 the first one;
-    ``tie`` says that the present map has just been found to be part of an earlier one.
+    features tracked into this frame; ``events`` are words for the timeline ("initialised", "reset", ...); ``T_IC`` are
+    the camera's extrinsics, None where they are as calibrated; ``island`` is the number of the map that the pose is in,
+    0 for the first; ``tie`` is the transform that has just connected this map to an earlier one.
     """
 
     t_ns: int
@@ -36,9 +36,10 @@ class Estimator(Protocol):
     """Turns packets, in time order, into poses; no clock, thread, file or socket."""
 
     def expect_roll(self, t_ns: int, roll_rad: float | None) -> None:
-        """Take the head's roll about its view that the gait is to have at ``t_ns``, None while it does not roll."""
+        """Add the head's predicted roll about its optical axis at ``t_ns``; None while the gait does not roll."""
         ...
 
     def process(self, packet: Packet) -> FrameEstimate | None:
-        """Take one packet; return an estimate for a camera frame and None for any other packet."""
+        """Process one packet; return an estimate for a camera frame, None for any other packet."""
+
         ...

@@ -1,4 +1,4 @@
-"""What the estimator says of itself: a verdict for each frame, with its reasons in words."""
+"""The estimator's verdict on each frame, with its reasons in words for the operator."""
 
 from dataclasses import dataclass, replace
 
@@ -9,17 +9,18 @@ from snakeslam.estimation.health_settings import HealthSettings
 from snakeslam.messages import Float, Health, Verdict
 
 ENOUGH_TRIED = 5
+"""Fewer measurements than this say nothing about their agreement with the state."""
 NEW_MAP, TIED = "new map, not connected to the old one", "tied to the old map again"
-"""Events; the first is a reason as well, for as long as it is so."""
+"""Events; the first is also a reason of the verdict while the map is not connected."""
 
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """What one frame showed: features followed into it and rejected, how measurements agree, faults of the inputs.
+    """The evidence of one frame: features tracked and rejected, agreement of the measurements, faults of the inputs.
 
-    ``cov_v`` (3, 3) is the velocity's covariance, ``blind_s`` the time since a frame last supported the state,
-    ``resting`` that picture and IMU both say that nothing moves, ``gait_holds`` that the gait's way was taken;
-    ``gait_faults`` are its faults in words.
+    ``cov_v`` (3, 3) is the covariance of the velocity, ``blind_s`` the time since a frame last supported the state,
+    ``frozen`` an image that repeats the one before, ``resting`` a head that image and IMU both find stationary,
+    ``gait_holds`` a displacement by the gait that passed its gate; ``gait_faults`` are its faults in words.
     """
 
     followed: int
@@ -34,27 +35,27 @@ class Evidence:
     gait_holds: bool = False
     gait_faults: tuple[str, ...] = ()
     imu_doubts: tuple[str, ...] = ()
-    """Which samples of the IMU are doubted since the frame before, in words."""
+    """Faults of the IMU's samples since the frame before, in words."""
 
 
 def supports(evidence: Evidence, settings: HealthSettings) -> bool:
-    """Return whether a frame holds the state: enough is followed, and not all of it contradicts.
+    """Return whether a frame supports the state: enough features are tracked, and enough of them agree with it.
 
-    After an IMU gap of ``max_blind_s`` (a clock set anew) nothing does: a state reckoned over so long is not corrected.
+    After an IMU gap of ``max_blind_s`` (a clock that was set) no frame does: the predicted state is of no use then.
     """
     if evidence.imu_gap_s > settings.max_blind_s:
         return False
     agreement = evidence.agreement
     contradicts = agreement.tried >= ENOUGH_TRIED and agreement.accepted < settings.min_features
-    seen = evidence.followed >= settings.min_features and not evidence.frozen and not contradicts
-    return seen or evidence.resting
+    camera = evidence.followed >= settings.min_features and not evidence.frozen and not contradicts
+    return camera or evidence.resting
 
 
 def judge(evidence: Evidence, settings: HealthSettings) -> Health:
     """Return the verdict of a frame.
 
-    BLIND while the camera supports nothing, LOST when that has lasted too long or the velocity's sigma is too large,
-    DEGRADED with few features, many rejections, innovations beyond what is foreseen or faults of the input.
+    LOST after too long a time without the camera, or with too large a sigma of the velocity; BLIND while no frame
+    supports the state; DEGRADED with few features, many rejections, large innovations or faults of the input.
     """
     reasons, followed = _reasons(evidence, settings), evidence.followed
     agreement = evidence.agreement
@@ -72,7 +73,7 @@ def judge(evidence: Evidence, settings: HealthSettings) -> Health:
 
 def _reasons(evidence: Evidence, settings: HealthSettings) -> tuple[str, ...]:
     agreement = evidence.agreement
-    said = (
+    possible = (
         (evidence.frozen, "the picture does not change"),
         (evidence.followed < settings.few_features, f"few features: {evidence.followed}"),
         (
@@ -90,17 +91,18 @@ def _reasons(evidence: Evidence, settings: HealthSettings) -> tuple[str, ...]:
         (evidence.imu_gap_s > settings.max_imu_gap_s, f"IMU silent for {evidence.imu_gap_s * 1e3:.0f} ms"),
         (evidence.bad_samples > 0, f"{evidence.bad_samples} IMU samples were late, not numbers or not possible"),
     )
-    reckons = evidence.gait_holds and not supports(evidence, settings)
+    dead_reckoning = evidence.gait_holds and not supports(evidence, settings)
     return (
-        *(words for holds, words in said if holds),
+        *(words for applies, words in possible if applies),
         *evidence.imu_doubts,
         *evidence.gait_faults,
-        *(("dead reckoning on IMU and gait",) if reckons else ()),
+        *(("dead reckoning on IMU and gait",) if dead_reckoning else ()),
     )
 
 
 def in_map(health: Health, island: int) -> Health:
-    """Return the verdict of a pose in map ``island``: one that nothing ties to the first map (0) is never good."""
+    """Return the verdict of a pose in map ``island``: DEGRADED at best while that is not tied to the first map (0)."""
+
     if island == 0:
         return health
     verdict = Verdict.DEGRADED if health.verdict is Verdict.GOOD else health.verdict

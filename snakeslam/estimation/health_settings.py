@@ -1,4 +1,4 @@
-"""When the estimator says that it is in trouble."""
+"""Limits of the verdict on a frame."""
 
 from typing import Annotated
 
@@ -10,17 +10,17 @@ Positive = Annotated[float, Field(gt=0)]
 
 
 class HealthSettings(Settings):
-    """When the estimator says that it is in trouble."""
+    """Limits of the verdict, and when the estimator starts anew."""
 
     few_features: Annotated[int, Field(ge=4)] = 15
-    """Fewer features followed than this degrade the verdict."""
+    """Fewer tracked features than this degrade the verdict."""
     min_features: Annotated[int, Field(ge=1)] = 5
-    """With fewer, the frame counts as blind."""
+    """With fewer tracked features the frame is blind."""
     max_blind_s: Positive = 3.0
-    """Blind for longer, the estimator starts anew."""
+    """Time in s without the camera after which the estimator starts anew."""
     max_sigma_v_m_s: Positive = 0.6
-    """With a larger velocity sigma the estimator starts anew."""
+    """The estimator starts anew when the sigma of its velocity is larger than this, in m/s."""
     max_imu_gap_s: Positive = 0.05
-    """A longer time without an IMU sample degrades the verdict."""
+    """A longer time without an IMU sample degrades the verdict, in s."""
     max_innovation: Positive = 3.0
-    """Squared innovations larger than this, as a multiple of what is foreseen (their median), degrade the verdict."""
+    """The verdict is degraded when the median squared innovation exceeds this multiple of the predicted one."""

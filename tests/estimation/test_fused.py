@@ -1,4 +1,4 @@
-"""The gait as a sensor: its rows, its reckoning, what it is worth without a camera, and what bad joints do."""
+"""The gait as a sensor: its rows and displacements, its value without a camera, and faulty joint states."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -15,8 +15,9 @@ from snakeslam.estimation.filter.preintegration import ImuSegments
 from snakeslam.estimation.filter.state import CORE, State
 from snakeslam.estimation.frontend.tracking import FrontendFrame
 from snakeslam.estimation.gait.aid import GaitAid
+from snakeslam.estimation.gait.joint_history import JointHistory
 from snakeslam.estimation.gait.learning import SlipModel
-from snakeslam.estimation.gait.odometry import GaitOdometer, JointHistory, Reckoned
+from snakeslam.estimation.gait.odometry import FrictionOdometry, ModelledDisplacement
 from snakeslam.estimation.gait.rows import GaitRows, GaitWay
 from snakeslam.estimation.gait.settings import GaitSensorSettings
 from snakeslam.estimation.measurements.settings import NoiseSettings
@@ -40,11 +41,11 @@ COVERED_S = (2.5, 4.5)
 DURATION_S = 5.5
 
 
-# -- Rows and reckoning -----------------------------------------------------------------------------------------------
+# -- Rows and displacements -------------------------------------------------------------------------------------------
 
 
 def state(rng: np.random.Generator) -> State:
-    """Two clones and a state that has gone on from the second."""
+    """Two clones and a state that has moved on from the second."""
     R = so3.exp(np.array([0.3, -0.2, 1.0]))
     at = State(0, R, np.ones(3), np.array([0.3, -0.1, 0.2]), np.zeros(3), np.zeros(3), np.eye(CORE) * 1e-4)
     at.add_clone()
@@ -54,29 +55,29 @@ def state(rng: np.random.Generator) -> State:
     return at
 
 
-def reckoned(
+def modelled(
     dp_I: Float,
     v_I: Float,
     sigma_v: float,
     by_log_ratio: Float,
     by_bias: Float = NO_BIAS,
     dq_rad_s: Float = NOTHING,
-) -> Reckoned:
+) -> ModelledDisplacement:
     axes_I = np.column_stack([by_bias / 0.05, np.cross(*by_bias.T / 0.05)]) if by_bias.any() else np.eye(3)
-    return Reckoned(0.05, dp_I, v_I, sigma_v**2 * np.eye(3), by_log_ratio, by_bias, axes_I, dq_rad_s)
+    return ModelledDisplacement(0.05, dp_I, v_I, sigma_v**2 * np.eye(3), by_log_ratio, by_bias, axes_I, dq_rad_s)
 
 
-def way(dp_I: Float, v_I: Float, sigma_v: float = 0.1) -> GaitWay:
-    told = reckoned(dp_I, v_I, sigma_v, np.zeros(3))
-    return GaitWay(told, (sigma_v * 0.05) ** 2 * (np.eye(3) + 0.3 * np.ones((3, 3))))
+def displacement(dp_I: Float, v_I: Float, sigma_v: float = 0.1) -> GaitWay:
+    given = modelled(dp_I, v_I, sigma_v, np.zeros(3))
+    return GaitWay(given, (sigma_v * 0.05) ** 2 * (np.eye(3) + 0.3 * np.ones((3, 3))))
 
 
 @pytest.mark.parametrize("before", [0, 1, None])
 def test_jacobian_of_the_rows(rng: np.random.Generator, before: int | None) -> None:
     """R_k^T (p - p_k), and R^T v, against a numeric derivative at the first estimates."""
-    told = way(rng.normal(size=3), rng.normal(size=3))
+    given = displacement(rng.normal(size=3), rng.normal(size=3))
     moved, start = state(np.random.default_rng(1)), state(np.random.default_rng(1))
-    rows = GaitRows.of(told, before)
+    rows = GaitRows.of(given, before)
 
     def residual(d: Float) -> Float:
         other = state(np.random.default_rng(1))
@@ -86,31 +87,31 @@ def test_jacobian_of_the_rows(rng: np.random.Generator, before: int | None) -> N
     np.testing.assert_allclose(-rows.jacobian(start), numeric.jacobian(residual, moved.size), atol=1e-5)
 
 
-def test_rows_know_nothing_of_place_and_yaw(rng: np.random.Generator) -> None:
-    """A shift of all, and a turn of all about z, change no row, at first estimates that differ from the state."""
+def test_rows_do_not_observe_position_and_yaw(rng: np.random.Generator) -> None:
+    """A common shift, and a common rotation about z, change no row, at first estimates that differ from the state."""
     at = state(rng)
     at.p_WI, at.R_WI = at.p_WI + 0.01, at.R_WI @ so3.exp(np.full(3, 0.02))
-    H = GaitRows.of(way(np.zeros(3), np.zeros(3)), 0).jacobian(at)
+    H = GaitRows.of(displacement(np.zeros(3), np.zeros(3)), 0).jacobian(at)
     up = np.array([0.0, 0.0, 1.0])
-    shift, turn = np.zeros((at.size, 3)), np.zeros(at.size)
+    shift, rotation = np.zeros((at.size, 3)), np.zeros(at.size)
     for k, (R, p) in enumerate([(at.R_fej, at.p_fej), *zip(at.clones.R_fej, at.clones.p_fej, strict=True)]):
         start = 0 if k == 0 else at.clone_slice(k - 1).start
         shift[start + 3 : start + 6] = np.eye(3)
-        turn[start : start + 3], turn[start + 3 : start + 6] = R.T @ up, np.cross(up, p)
+        rotation[start : start + 3], rotation[start + 3 : start + 6] = R.T @ up, np.cross(up, p)
     assert np.max(np.abs(H)) > 1.0
     np.testing.assert_allclose(H @ shift, 0.0, atol=1e-9)
-    np.testing.assert_allclose(H @ turn, 0.0, atol=1e-9)
+    np.testing.assert_allclose(H @ rotation, 0.0, atol=1e-9)
 
 
-def test_a_way_that_is_not_expected_is_inflated_then_left_out(rng: np.random.Generator) -> None:
+def test_an_unexpected_displacement_is_inflated_then_left_out(rng: np.random.Generator) -> None:
     at = state(rng)
     at.cov *= 1e-6
-    expected = GaitRows.of(way(np.zeros(3), np.zeros(3)), 1).foreseen(at)
+    expected = GaitRows.of(displacement(np.zeros(3), np.zeros(3)), 1).predicted(at)
     for sigmas, factor in ((1.0, 1.0), (5.0, 2.0), (10.0, 4.0), (20.0, None)):
-        rows = GaitRows.of(way(expected, np.zeros(3)), 1)
+        rows = GaitRows.of(displacement(expected, np.zeros(3)), 1)
         rows.measured = expected + np.linalg.solve(rows.W, np.array([sigmas, 0.0, 0.0]))
-        taken = rows.gated(at, 4.0)
-        assert (None if taken is None else round(rows.W[0, 0] / taken.W[0, 0], 6)) == factor, sigmas
+        gated = rows.gated(at, 4.0)
+        assert (None if gated is None else round(rows.W[0, 0] / gated.W[0, 0], 6)) == factor, sigmas
 
 
 def winding(t_s: float) -> JointState:
@@ -119,87 +120,87 @@ def winding(t_s: float) -> JointState:
     return JointState(round(t_s * 1e9), MODEL.rest_q_rad + q, dq, NOTHING, NOTHING)
 
 
-def test_the_velocity_changes_with_the_ratio_as_it_says() -> None:
+def test_the_velocitys_derivative_by_the_ratio() -> None:
     now = winding(0.7)
     up = np.array([0.0, 0.0, 1.0])
 
     def velocity(d: Float) -> Float:
         return sliding_velocity(MODEL, now.q_rad, now.dq_rad_s, NOTHING[:3], up, 3.0 * float(np.exp(d[0]))).v_I
 
-    told = sliding_velocity(MODEL, now.q_rad, now.dq_rad_s, NOTHING[:3], up, 3.0).v_D_log_ratio
-    assert np.linalg.norm(told) > 0.01
-    np.testing.assert_allclose(told, numeric.jacobian(velocity, 1, 0.01)[:, 0], atol=2e-3)
+    given = sliding_velocity(MODEL, now.q_rad, now.dq_rad_s, NOTHING[:3], up, 3.0).v_D_log_ratio
+    assert np.linalg.norm(given) > 0.01
+    np.testing.assert_allclose(given, numeric.jacobian(velocity, 1, 0.01)[:, 0], atol=2e-3)
 
 
-def test_a_way_is_the_velocity_summed_in_the_frame_of_its_beginning() -> None:
-    """Coarse steps agree with fine ones while the head turns."""
+def test_a_displacement_is_the_velocity_integrated_in_the_frame_at_its_start() -> None:
+    """Coarse steps agree with fine ones while the head rotates."""
     history = JointHistory(35)
     for k in range(51):
         history.add(winding(0.01 * k))
-    turn = ImuSegments(np.tile([0.1, -0.1, 0.8], (100, 1)), np.zeros((100, 3)), np.full(100, 0.005))
-    ways: list[Float] = []
+    rotation = ImuSegments(np.tile([0.1, -0.1, 0.8], (100, 1)), np.zeros((100, 3)), np.full(100, 0.005))
+    displacements: list[Float] = []
     for rate_hz in (10.0, 24.0):
-        told = GaitOdometer(MODEL, GaitSensorSettings(rate_hz=rate_hz)).reckon(
-            history, 0, 500_000_000, turn, np.eye(3), 3.0
+        given = FrictionOdometry(MODEL, GaitSensorSettings(rate_hz=rate_hz)).displacement(
+            history, 0, 500_000_000, rotation, np.eye(3), 3.0
         )
-        assert told is not None
-        assert told.dt_s == pytest.approx(0.5)
-        ways.append(told.dp_I)
-    assert np.linalg.norm(ways[1]) > 0.03
-    np.testing.assert_allclose(ways[0], ways[1], atol=0.004)
+        assert given is not None
+        assert given.dt_s == pytest.approx(0.5)
+        displacements.append(given.dp_I)
+    assert np.linalg.norm(displacements[1]) > 0.03
+    np.testing.assert_allclose(displacements[0], displacements[1], atol=0.004)
 
 
-def test_joints_at_rest_tell_nothing() -> None:
+def test_stationary_joints_give_no_displacement() -> None:
     history = JointHistory(35)
     for k in range(11):
         history.add(JointState(k * 10_000_000, MODEL.rest_q_rad, NOTHING, NOTHING, NOTHING))
-    turn = ImuSegments(np.zeros((20, 3)), np.zeros((20, 3)), np.full(20, 0.005))
-    assert GaitOdometer(MODEL, GAIT).reckon(history, 0, 100_000_000, turn, np.eye(3), 3.0) is None
+    rotation = ImuSegments(np.zeros((20, 3)), np.zeros((20, 3)), np.full(20, 0.005))
+    assert FrictionOdometry(MODEL, GAIT).displacement(history, 0, 100_000_000, rotation, np.eye(3), 3.0) is None
 
 
-def test_a_clock_that_jumps_is_lived_through() -> None:
-    """One stamp far ahead makes the next ones late; after ten of them the history goes on with theirs."""
+def test_a_clock_that_jumps() -> None:
+    """One stamp far ahead makes the next ones late; after ten of them the history continues with theirs."""
     history = JointHistory(35)
     for t_s in (0.1, 0.11, 500.0, *(0.12 + 0.01 * k for k in range(20))):
         history.add(winding(t_s))
-    assert history.take_bad_count() == 9
+    assert history.pop_bad_count() == 9
     assert history.covers(230_000_000, 310_000_000)
     assert not history.covers(100_000_000, 310_000_000)
 
 
 @pytest.mark.parametrize("sigmas", [(0.3, 0.3, 0.3), (3.0, 3.0, 3.0), (0.3, 1.0, 3.0)])
 def test_ratio_and_error_are_learnt(rng: np.random.Generator, sigmas: tuple[float, ...]) -> None:
-    """Ways of a ground with ratio 6 and errors of so many sigmas along each axis, seen by an exact filter."""
+    """Displacements on a ground of ratio 6 with errors of so many sigmas along each axis, beside an exact filter."""
     slip = SlipModel(GAIT)
     wrong = float(np.log(6.0 / 3.0))
     for _ in range(400):
         J = rng.normal(0, 0.005, 3)
-        told = reckoned((slip.log_ratio - np.log(3.0)) * J, np.zeros(3), 0.01, J)
-        slip.learn(told, wrong * J + rng.normal(0, np.array(sigmas) * 0.01 * 0.05), 1e-10 * np.eye(3))
+        given = modelled((slip.log_ratio - np.log(3.0)) * J, np.zeros(3), 0.01, J)
+        slip.learn(given, wrong * J + rng.normal(0, np.array(sigmas) * 0.01 * 0.05), 1e-10 * np.eye(3))
     assert slip.ratio == pytest.approx(6.0, rel=0.15)
     assert slip.scale == pytest.approx(np.array(sigmas), rel=0.4)
     held = SlipModel(GaitSensorSettings(ratio_sigma=0.0))
-    held.learn(reckoned(np.zeros(3), np.zeros(3), 0.01, np.ones(3)), np.full(3, 0.01), np.eye(3))
+    held.learn(modelled(np.zeros(3), np.zeros(3), 0.01, np.ones(3)), np.full(3, 0.01), np.eye(3))
     assert held.ratio == pytest.approx(3.0)
 
 
-def test_a_bias_of_the_velocity_is_learnt_and_taken_off(rng: np.random.Generator) -> None:
-    """10 mm/s less ahead and 5 mm/s more to the left than reckoned, while the head turns; held where its sigma is 0."""
+def test_a_bias_of_the_velocity_is_learnt_and_removed(rng: np.random.Generator) -> None:
+    """10 mm/s less ahead and 5 mm/s more to the left than modelled, in a rotating head; not estimated with sigma 0."""
     wrong = np.array([-0.01, 0.005])
     for sigma in (0.01, 0.0):
         slip = SlipModel(GaitSensorSettings(bias_sigma_m_s=sigma))
         for k in range(400):
             heading = so3.from_yaw(0.02 * k)[:, :2]
-            raw = reckoned(rng.normal(0, 0.01, 3), rng.normal(0, 0.1, 3), 0.01, np.zeros(3), 0.05 * heading)
-            told = slip.corrected(raw)
-            np.testing.assert_allclose(told.v_I - raw.v_I, heading @ slip.bias_m_s, atol=1e-12)
+            raw = modelled(rng.normal(0, 0.01, 3), rng.normal(0, 0.1, 3), 0.01, np.zeros(3), 0.05 * heading)
+            given = slip.corrected(raw)
+            np.testing.assert_allclose(given.v_I - raw.v_I, heading @ slip.bias_m_s, atol=1e-12)
             moved_I = raw.dp_I + 0.05 * heading @ wrong + rng.normal(0, 0.01 * 0.05, 3)
-            slip.learn(told, moved_I, 1e-10 * np.eye(3))
+            slip.learn(given, moved_I, 1e-10 * np.eye(3))
         np.testing.assert_allclose(slip.bias_m_s, wrong if sigma else 0.0, atol=0.002)
 
 
-def test_a_bias_that_turns_with_the_gait_is_learnt_and_taken_off(rng: np.random.Generator) -> None:
-    """30 mm/s to the left, a third of a period behind the joint rates of a crawl; held where its sigma is 0."""
+def test_a_periodic_bias_is_learnt_and_removed(rng: np.random.Generator) -> None:
+    """30 mm/s to the left, a third of a period behind the joint rates of a crawl; not estimated with sigma 0."""
     ahead = 0.05 * np.eye(3)[:, :2]
     left: dict[float, list[float]] = {}
     for sigma in (0.05, 0.0):
@@ -207,47 +208,47 @@ def test_a_bias_that_turns_with_the_gait_is_learnt_and_taken_off(rng: np.random.
         for k in range(400):
             t_s = 0.05 * k
             wrong = np.array([0.0, 0.03 * np.cos(2.0 * np.pi * (t_s / 4.0 - 1.0 / 3.0))])
-            raw = reckoned(np.zeros(3), np.zeros(3), 0.03, np.zeros(3), ahead, winding(t_s).dq_rad_s)
-            slip.see(raw)
-            told = slip.corrected(raw)
+            raw = modelled(np.zeros(3), np.zeros(3), 0.03, np.zeros(3), ahead, winding(t_s).dq_rad_s)
+            slip.update_phase(raw)
+            given = slip.corrected(raw)
             moved_I = ahead @ wrong
-            left.setdefault(sigma, []).append(float(np.linalg.norm(told.dp_I - moved_I)) / 0.05)
-            slip.learn(told, moved_I + rng.normal(0, 0.005 * 0.05, 3), 1e-10 * np.eye(3))
+            left.setdefault(sigma, []).append(float(np.linalg.norm(given.dp_I - moved_I)) / 0.05)
+            slip.learn(given, moved_I + rng.normal(0, 0.005 * 0.05, 3), 1e-10 * np.eye(3))
     assert np.max(left[0.0][-80:]) > 0.025
     assert np.max(left[0.05][-80:]) < 0.005
 
 
-def test_half_a_period_shows_the_other_half_in_a_mirror(rng: np.random.Generator) -> None:
-    """20 mm/s ahead, twice in a period, and 30 mm/s to the left, once: seen over 2.5 of 4 s, foreseen in the rest."""
+def test_half_a_period_predicts_the_other_half_by_its_mirror_image(rng: np.random.Generator) -> None:
+    """20 mm/s ahead, twice in a period, 30 mm/s to the left, once: learnt over 2.5 of 4 s, predicted in the rest."""
     ahead, slip, left = 0.05 * np.eye(3)[:, :2], SlipModel(GAIT), []
     for k in range(80):
         phi = 2.0 * np.pi * 0.05 * k / 4.0
         wrong = np.array([0.02 * np.cos(2.0 * phi - 1.0), 0.03 * np.cos(phi - 2.0)])
-        raw = reckoned(np.zeros(3), np.zeros(3), 0.03, np.zeros(3), ahead, winding(0.05 * k).dq_rad_s)
-        slip.see(raw)
-        told = slip.corrected(raw)
+        raw = modelled(np.zeros(3), np.zeros(3), 0.03, np.zeros(3), ahead, winding(0.05 * k).dq_rad_s)
+        slip.update_phase(raw)
+        given = slip.corrected(raw)
         if k < 50:
-            slip.learn(told, ahead @ wrong + rng.normal(0, 0.001 * 0.05, 3), 1e-10 * np.eye(3))
+            slip.learn(given, ahead @ wrong + rng.normal(0, 0.001 * 0.05, 3), 1e-10 * np.eye(3))
         else:
-            left.append(np.abs(told.dp_I - ahead @ wrong) / 0.05)
+            left.append(np.abs(given.dp_I - ahead @ wrong) / 0.05)
     assert np.max(left) < 0.01
 
 
 @pytest.mark.parametrize(("moving", "verdict"), [(True, Verdict.BLIND), (False, Verdict.DEGRADED)])
-def test_joints_that_move_are_no_rest(moving: bool, verdict: Verdict) -> None:
-    """Picture and IMU of a head at rest, then a picture that freezes: only joints at rest hold it in place."""
+def test_a_head_on_moving_joints_is_not_stationary(moving: bool, verdict: Verdict) -> None:
+    """Image and IMU of a stationary head, then an image that freezes: only with stationary joints it is held."""
     odometry = VisualInertialOdometry(SETTINGS, wall.RIG, 0, gait=GaitAid(MODEL, GAIT))
     shown: CameraFrame | None = None
     estimates: list[FrameEstimate | None] = []
     for packet in wall.Wall(still=True).packets(2.0):
-        told = packet
+        given = packet
         if isinstance(packet, CameraFrame):
             shown = packet if packet.t_ns < 1_500_000_000 or shown is None else replace(shown, t_ns=packet.t_ns)
-            told = shown
+            given = shown
         elif packet.t_ns % 10_000_000 == 0:
             now = winding(packet.t_ns / 1e9)
             odometry.process(now if moving else replace(now, q_rad=MODEL.rest_q_rad, dq_rad_s=NOTHING))
-        estimates.append(odometry.process(told))
+        estimates.append(odometry.process(given))
     last = estimates[-1]
     assert last is not None
     assert last.health.verdict is verdict, last.health.reasons
@@ -259,7 +260,7 @@ def test_joints_that_move_are_no_rest(moving: bool, verdict: Verdict) -> None:
 
 @dataclass(frozen=True)
 class Crawl:
-    """What the sensors of a simulated robot gave, and the true poses by time; also a head for ``SimulatedFrontend``."""
+    """Sensor packets of a simulated robot and its true poses over time; also a head for ``SimulatedFrontend``."""
 
     packets: tuple[Packet, ...]
     rig: SensorRig
@@ -275,7 +276,7 @@ class Crawl:
 
 
 def crawl(name: GaitName) -> Crawl:
-    """Physics, IMU and servos as in a run; frames are empty, what they show comes from a simulated front-end."""
+    """Physics, IMU and servos as in a run; frames are empty, their features come from a simulated front-end."""
     pytest.importorskip("pybullet")
     from snakeslam.backends.sim.backend import SimBackend
     from snakeslam.backends.sim.settings import SimSettings
@@ -311,7 +312,7 @@ def rolling() -> Crawl:
 
 
 class Covered(SimulatedFrontend):
-    """Sees nothing for a while; or the same picture again and again."""
+    """A camera that is covered for a while, or repeats the same image."""
 
     def __init__(self, head: Crawl, noise: NoiseSettings, between_s: tuple[float, float], freeze: bool = False) -> None:
         super().__init__(head, noise)
@@ -345,24 +346,24 @@ def follow(
 
 
 def errors(crawled: Crawl, estimates: list[FrameEstimate]) -> Iterator[tuple[float, Float, Float]]:
-    """Yield time, position error (3,) and its covariance of each pose, the first two brought together."""
+    """Yield time, position error (3,) and its covariance of each pose, aligned at the first pose."""
     poses = [e.pose for e in estimates if e.pose is not None]
     R, p = crawled.pose(np.array([pose.t_ns for pose in poses]) / 1e9)
-    turn = so3.from_yaw(float(so3.yaw(poses[0].T_WI[:3, :3]) - so3.yaw(R[0])))
+    alignment = so3.from_yaw(float(so3.yaw(poses[0].T_WI[:3, :3]) - so3.yaw(R[0])))
     for k, pose in enumerate(poses):
-        true = turn @ (p[k] - p[0]) + poses[0].T_WI[:3, 3]
+        true = alignment @ (p[k] - p[0]) + poses[0].T_WI[:3, 3]
         yield pose.t_ns / 1e9, true - pose.T_WI[:3, 3], pose.cov[3:6, 3:6]
 
 
 def grown(crawled: Crawl, estimates: list[FrameEstimate]) -> float:
-    """How much the error has grown while nothing was seen, m."""
+    """Growth of the error while the camera was covered, m."""
     at = {round(t_s, 3): e for t_s, e, _ in errors(crawled, estimates)}
     return float(np.linalg.norm(at[COVERED_S[1] - 0.05] - at[COVERED_S[0] - 0.05]))
 
 
 @pytest.mark.parametrize("freeze", [False, True], ids=["covered", "frozen"])
-def test_without_a_camera_the_gait_holds_it(serpentine: Crawl, freeze: bool) -> None:
-    """Two seconds: the error grows by at most 5 % of the way, by less than half of what it does without the gait."""
+def test_without_a_camera_the_gait_bounds_the_error(serpentine: Crawl, freeze: bool) -> None:
+    """Two seconds: the error grows by at most 5 % of the path, and by less than half of that without the gait."""
     with_gait, without = (follow(serpentine, fused, freeze=freeze) for fused in (True, False))
     _, p = serpentine.pose(np.arange(*COVERED_S, 0.05))
     gone_m = float(np.linalg.norm(np.diff(p, axis=0), axis=1).sum())
@@ -378,8 +379,8 @@ def test_without_a_camera_the_gait_holds_it(serpentine: Crawl, freeze: bool) -> 
     assert np.mean(nees) < 6.0
 
 
-def test_a_body_that_rolls_is_not_carried_up(rolling: Crawl, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Coarse joint rates lift the balance of friction by 8 mm/s where contacts come and go; the height holds it."""
+def test_a_rolling_body_does_not_drift_upwards(rolling: Crawl, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Coarse joint rates lift the balance of friction by 8 mm/s where contacts come and go; the height bounds it."""
 
     def lifted(*args: Any) -> Sliding:
         sliding = sliding_velocity(*args)
@@ -404,7 +405,7 @@ def test_with_a_camera_it_does_no_harm(serpentine: Crawl) -> None:
     assert rms[0] < 1.1 * rms[1]
 
 
-def test_the_ratio_of_friction_is_found(serpentine: Crawl) -> None:
+def test_the_friction_ratio_is_estimated(serpentine: Crawl) -> None:
     """Of a ground of ratio 3, from 1.2 and from 8; the wrong start does no harm."""
     for start in (1.2, 8.0):
         aid = GaitAid(MODEL, GaitSensorSettings(friction_ratio=start))
@@ -444,7 +445,7 @@ def bad_joints(kind: str) -> Callable[[Packet], Packet | None]:
         ("frozen at rest", ""),
     ],
 )
-def test_bad_joints_do_no_harm_and_are_said(serpentine: Crawl, kind: str, words: str) -> None:
+def test_faulty_joint_states_do_no_harm_and_are_reported(serpentine: Crawl, kind: str, words: str) -> None:
     estimates = follow(serpentine, True, bad_joints(kind), between_s=(9, 9))
     after = [e for e in estimates if e.t_ns > 1_800_000_000]
     assert all(e.pose is not None and e.health.verdict.tracked for e in after)
@@ -456,7 +457,7 @@ def test_bad_joints_do_no_harm_and_are_said(serpentine: Crawl, kind: str, words:
 
 
 def test_without_joints_it_is_vio(serpentine: Crawl) -> None:
-    """The very same poses, and it says so."""
+    """The very same poses, and the verdict says why."""
     alone = follow(serpentine, False)
     without = follow(serpentine, True, lambda p: None if isinstance(p, JointState) else p)
     for a, b in zip(alone, without, strict=True):

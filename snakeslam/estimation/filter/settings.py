@@ -10,18 +10,17 @@ Positive = Annotated[float, Field(gt=0)]
 
 
 class CalibrationSettings(Settings):
-    """What the filter may correct of the camera's calibration: one sigma of what is wrong with it, 0 holds it."""
+    """What the filter may correct of the camera's calibration: one sigma of its error; with 0 it is not estimated."""
 
     time_offset_sigma_ms: Annotated[float, Field(ge=0, le=100)] = 5.0
-    """The camera's time against the IMU's, in ms; a calibration that knows it (timeshift_sigma_s, the simulator's) goes
-    before."""
+    """Offset of the camera's clock to the IMU's, in ms; timeshift_sigma_s of the calibration takes precedence."""
     rotation_sigma_deg: Annotated[float, Field(ge=0, le=10)] = 0.0
-    """The camera's orientation on the IMU, in deg."""
+    """Orientation of the camera on the IMU, in deg."""
     position_sigma_mm: Annotated[float, Field(ge=0, le=200)] = 0.0
-    """Its place on the IMU, in mm."""
+    """Position of the camera on the IMU, in mm."""
     readout_sigma_ms: Annotated[float, Field(ge=0, le=100)] = 15.0
-    """The time from its first row to its last one, about 0, in ms; held where the calibration says "shutter:
-    global"."""
+    """Readout time of the shutter from the first row to the last, about 0, in ms; not estimated where the calibration
+    has "shutter: global"."""
 
 
 class WindowSettings(Settings):
@@ -30,9 +29,10 @@ class WindowSettings(Settings):
     clones: Annotated[int, Field(ge=4, le=30)] = 11
     """Past camera poses kept in the filter."""
     keyframe_disparity_px: Positive = 12.0
-    """A frame whose features moved less than this since the clone before it leaves the window first, if depth is
-    unknown."""
+    """A frame whose features moved less than this since the clone before it leaves the window first, where there is no
+    depth; in px."""
     keyframe_disparity_depth_px: Positive = 3.0
-    """The same where depth is known."""
+    """The same with depth."""
+
     max_landmarks: Annotated[int, Field(ge=0, le=200)] = 30
     """Landmarks kept in the filter's state at most."""

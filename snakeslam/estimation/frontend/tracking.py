@@ -176,7 +176,7 @@ class Frontend:
         return self._px[kept], px1[kept], self._ids[kept]
 
     def _ransac(self, px0: NDArray[np.float32], R_C1C0: Float | None) -> tuple[NDArray[np.bool_], float | None]:
-        """Return the inliers among the features, before at ``px0``, and their median parallax in px where R is known."""
+        """Return the inliers of the features, before at ``px0``, and their median parallax in px where R is known."""
         limit, focal_px = self._settings.ransac_threshold_px, self._camera.focal_px
         before, now = self._camera.normalise(px0), self._camera.normalise(self._px)
         if R_C1C0 is None:

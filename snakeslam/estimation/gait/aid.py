@@ -1,4 +1,4 @@
-"""The gait's part in ``fused``: joint states in; each frame's way for the filter, and what is wrong with it."""
+"""The gait as a sensor of ``fused``: joint states in, the displacement of each frame and its faults out."""
 
 from collections import deque
 
@@ -6,81 +6,83 @@ from snakeslam.estimation.filter.preintegration import ImuBuffer, ImuSegments
 from snakeslam.estimation.filter.state import State
 from snakeslam.estimation.gait.joint_history import JointHistory
 from snakeslam.estimation.gait.learning import SlipModel
-from snakeslam.estimation.gait.odometry import NS, GaitOdometer
+from snakeslam.estimation.gait.odometry import NS, FrictionOdometry
 from snakeslam.estimation.gait.rows import Carried, GaitWay
 from snakeslam.estimation.gait.settings import GaitSensorSettings
 from snakeslam.messages import JointState
 from snakeslam.robot.model import SnakeModel
 
-TRIES = 20
-"""So many last ways decide whether the gait is said to disagree."""
+GATED = 20
+"""Number of the last displacements of which half must pass the gate, or the verdict says that the gait disagrees."""
 
 
 class GaitAid:
-    """One robot's gait beside camera and IMU."""
+    """The gait of one robot as a sensor beside camera and IMU."""
 
     def __init__(self, model: SnakeModel, settings: GaitSensorSettings) -> None:
         self.settings = settings
         self.slip = SlipModel(settings)
         self._joints = JointHistory(model.joint_count)
-        self._odometer = GaitOdometer(model, settings)
-        self._tries: deque[bool] = deque(maxlen=TRIES)
+        self._odometry = FrictionOdometry(model, settings)
+        self._accepted: deque[bool] = deque(maxlen=GATED)
         self._last_ns: int | None = None
-        self._way: GaitWay | None = None
+        self._displacement: GaitWay | None = None
         self._reasons: tuple[str, ...] = ()
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """What is wrong with the gait at the last frame, in words."""
+        """Faults of the gait at the last frame, in words."""
         return self._reasons
 
     def take(self, joints: JointState) -> None:
-        """Take a joint state."""
+        """Add a joint state."""
         self._joints.add(joints)
 
     def clear(self) -> None:
-        """Forget the joints: the clock was set anew."""
+        """Drop the joint states, after the clock has been set."""
         self._joints.clear()
         self._last_ns = None
 
     def tell(self, state: State, imu: ImuBuffer, t_ns: int, frozen: bool) -> GaitWay | None:
-        """Return the way to ``t_ns``, the state's time, from the frame before; None when the gait has nothing to say.
+        """Return the displacement from the last frame to ``t_ns``, the state's time; None where there is none.
 
-        From the newest clone, or for a ``frozen`` picture from the frame before, which has none.
+        It starts at the newest clone or, for a ``frozen`` image, at the last frame, which has no clone.
         """
-        start_ns, self._last_ns, self._way = self._last_ns, t_ns, None
+        start_ns, self._last_ns, self._displacement = self._last_ns, t_ns, None
         has_clone = len(state.clones) > 0 and start_ns == int(state.clones.t_ns[-1])
-        turn = imu.segments(start_ns, t_ns) if start_ns is not None else None
+        rotation = imu.segments(start_ns, t_ns) if start_ns is not None else None
         self._reasons = self._faults(start_ns, t_ns)
-        if start_ns is None or turn is None or self._reasons or not (has_clone or frozen):
+        if start_ns is None or rotation is None or self._reasons or not (has_clone or frozen):
             return None
         R_WI = state.clones.R_WI[-1] if has_clone else state.R_WI
-        turn = ImuSegments(turn.gyro_I - state.bias_g, turn.accel_I, turn.dt_s)
-        way = self._odometer.reckon(self._joints, start_ns, t_ns, turn, R_WI, self.slip.ratio)
+        rotation = ImuSegments(rotation.gyro_I - state.bias_g, rotation.accel_I, rotation.dt_s)
+        modelled = self._odometry.displacement(self._joints, start_ns, t_ns, rotation, R_WI, self.slip.ratio)
         self._joints.forget_before(start_ns)
-        if way is not None:
-            self.slip.see(way)
-            self._way = GaitWay(self.slip.corrected(way), self.slip.cov(way))
-        return self._way
+        if modelled is not None:
+            self.slip.update_phase(modelled)
+            self._displacement = GaitWay(self.slip.corrected(modelled), self.slip.cov(modelled))
+        return self._displacement
 
     def hear(self, carried: Carried | None, seeing: bool) -> bool:
-        """Learn from what the filter made of the last way; return whether the gait holds the state."""
-        if carried is None or self._way is None:
+        """Learn from the filter's own displacement while ``seeing``; return whether it accepted the gait's."""
+
+        if carried is None or self._displacement is None:
             return False
-        self._tries.append(carried.taken)
+        self._accepted.append(carried.accepted)
         if seeing:
-            self.slip.learn(self._way.reckoned, carried.moved_I, carried.cov)
-        if 2 * sum(self._tries) < len(self._tries):
+            self.slip.learn(self._displacement.modelled, carried.dp_I, carried.cov)
+        if 2 * sum(self._accepted) < len(self._accepted):
             self._reasons = (*self._reasons, "the gait disagrees with the motion")
-        return carried.taken
+        return carried.accepted
 
     def _faults(self, start_ns: int | None, t_ns: int) -> tuple[str, ...]:
-        bad = self._joints.take_bad_count()
-        said = [f"{bad} joint states were late, not numbers, not possible or of another robot"] if bad else []
+        """Return the faults of the joint states since ``start_ns``, in words."""
+        bad = self._joints.pop_bad_count()
+        faults = [f"{bad} joint states were late, not numbers, not possible or of another robot"] if bad else []
         if start_ns is None:
-            return tuple(said)
+            return tuple(faults)
         if not self._joints.covers(start_ns, t_ns):
-            said.append(f"no joint states for {self._joints.age_ns(t_ns) * NS * 1e3:.0f} ms: without the gait")
+            faults.append(f"no joint states for {self._joints.age_ns(t_ns) * NS * 1e3:.0f} ms: without the gait")
         elif self._joints.stuck(start_ns, t_ns):
-            said.append("joint angles do not follow their rates: without the gait")
-        return tuple(said)
+            faults.append("joint angles do not follow their rates: without the gait")
+        return tuple(faults)

@@ -1,4 +1,4 @@
-"""Rows of the gait on the filter's state: the way since the clone before, or the velocity alone."""
+"""The gait as a measurement of the filter: the displacement since the last clone, or the velocity alone."""
 
 from dataclasses import dataclass, replace
 
@@ -7,30 +7,31 @@ import numpy as np
 from snakeslam.estimation.filter.gating import Innovation
 from snakeslam.estimation.filter.ieskf import PlainRows
 from snakeslam.estimation.filter.state import THETA, P, State, V
-from snakeslam.estimation.gait.odometry import Reckoned
+from snakeslam.estimation.gait.odometry import ModelledDisplacement
 from snakeslam.geometry import so3
 from snakeslam.messages import Float
 
 INFLATIONS = (1.0, 2.0, 4.0, 8.0)
+"""Factors on sigma that are tried in turn until the innovation passes its gate."""
 
 
 @dataclass(frozen=True, slots=True)
 class GaitWay:
-    """What the gait says of one frame: the way, and its covariance (3, 3) with all that is known of slip.
+    """The displacement of one frame by the gait, corrected for the learnt biases, with its covariance (3, 3).
 
-    ``cov`` is that of dp_I; that of the velocity is ``cov / dt_s^2``.
+    ``cov`` is that of dp_I; the velocity's is ``cov / dt_s^2``.
     """
 
-    reckoned: Reckoned
+    modelled: ModelledDisplacement
     cov: Float
 
 
 @dataclass(frozen=True, slots=True)
 class Carried:
-    """What the filter made of a way: whether it was taken, and what it says itself, ``moved_I`` (3,) m with ``cov``."""
+    """The filter's own displacement ``dp_I`` (3,) m with ``cov`` (3, 3), and whether it accepted that of the gait."""
 
-    taken: bool
-    moved_I: Float
+    accepted: bool
+    dp_I: Float
     cov: Float
 
 
@@ -40,19 +41,19 @@ class GaitRows(PlainRows):
 
     measured: Float
     W: Float
-    """Whitens: W cov W^T = I."""
+    """Whitening matrix, W cov W^T = I."""
     before: int | None
 
     @staticmethod
     def of(motion: GaitWay, before: int | None) -> "GaitRows":
-        """Return the rows of a motion since clone ``before``; with None those of the velocity at its end."""
-        told, dt_s = motion.reckoned, motion.reckoned.dt_s
+        """Return the rows of a displacement since clone ``before``; with None those of the velocity at its end."""
+        modelled, dt_s = motion.modelled, motion.modelled.dt_s
         cov = motion.cov if before is not None else motion.cov / dt_s**2
         W = np.asarray(np.linalg.inv(np.linalg.cholesky(cov)), dtype=np.float64)
-        return GaitRows(told.dp_I if before is not None else told.v_I, W, before)
+        return GaitRows(modelled.dp_I if before is not None else modelled.v_I, W, before)
 
-    def foreseen(self, state: State) -> Float:
-        """Return what the state says of it, (3,)."""
+    def predicted(self, state: State) -> Float:
+        """Return the state's own displacement R_k^T (p - p_k), or its velocity R^T v, (3,)."""
         if self.before is None:
             return state.R_WI.T @ state.v_W
         clones = state.clones
@@ -60,7 +61,7 @@ class GaitRows(PlainRows):
 
     def residual(self, state: State) -> Float:
         """Return the whitened residual, (3,)."""
-        return self.W @ (self.measured - self.foreseen(state))
+        return self.W @ (self.measured - self.predicted(state))
 
     def jacobian(self, state: State) -> Float:
         """Return the whitened Jacobian at first estimates, (3, size).
@@ -79,18 +80,18 @@ class GaitRows(PlainRows):
         H[:, P] = R.T
         return self.W @ H
 
-    def carried(self, state: State, taken: bool) -> Carried:
-        """Return what the state says of the way."""
+    def carried(self, state: State, accepted: bool) -> Carried:
+        """Return the state's own displacement with its covariance H P H^T."""
         H = np.linalg.solve(self.W, self.jacobian(state))
-        return Carried(taken, self.foreseen(state), H @ state.cov @ H.T)
+        return Carried(accepted, self.predicted(state), H @ state.cov @ H.T)
 
     def innovation(self, state: State) -> Innovation:
-        """Return how far it is from what the state foresees."""
+        """Return the innovation, S = H P H^T + I."""
         H = self.jacobian(state)
         return Innovation.of(self.residual(state)[None], (H @ state.cov @ H.T)[None], np.array([3]))
 
     def gated(self, state: State, max_inflation: float) -> "GaitRows | None":
-        """Return the rows with the sigma at which they pass the gate, None when ``max_inflation`` is not enough."""
+        """Return the rows with the least sigma at which they pass the gate; None if ``max_inflation`` is not enough."""
         for factor in INFLATIONS:
             rows = replace(self, W=self.W / factor)
             if factor <= max_inflation and rows.innovation(state).accepted.all():

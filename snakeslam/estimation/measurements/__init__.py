@@ -1,1 +1,1 @@
-"""What the camera and a stationary head measure of the state, each with its residual and Jacobian."""
+"""Measurements of the filter: reprojection of tracks and landmarks, zero velocity; each with its Jacobian."""

@@ -1,4 +1,4 @@
-"""Landmarks of the state seen from the newest clone, as a measurement on both."""
+"""Observations of the state's landmarks from the newest clone: a measurement of landmark, clone and extrinsics."""
 
 from dataclasses import dataclass, field
 
@@ -21,20 +21,20 @@ from snakeslam.messages import Float
 
 @dataclass(slots=True)
 class Sightings:
-    """Landmarks ``index`` (L,) seen from the newest clone at ``observed``, whose arrays are (L, 1, 3)."""
+    """Observations of landmarks ``index`` (L,) from the newest clone; the arrays of ``observed`` are (L, 1, 3)."""
 
     index: NDArray[np.int64]
     observed: Observations
     rows: CameraRows
     _scale: Float = field(default_factory=lambda: np.empty(0))
     _first: tuple[NDArray[np.int64], Float] | None = None
-    """What ``_rows_of_state`` found: first estimates do not change within a frame."""
+    """The result of ``_jacobian``: it is taken at first estimates, which do not change within a frame."""
 
     def __len__(self) -> int:
         return len(self.index)
 
     def pick(self, chosen: NDArray[np.bool_]) -> "Sightings":
-        """Return some of them."""
+        """Return the ``chosen`` observations (L,)."""
         picked = Sightings(self.index[chosen], self.observed.pick(chosen), self.rows)
         if self._first is not None:
             at, H = self._first
@@ -45,8 +45,8 @@ class Sightings:
         newest = Poses.of(state).pick(len(state.clones) - 1)
         return residuals(state.landmarks.p_W[self.index], newest, self.observed, self.rows)[:, 0]
 
-    def _rows_of_state(self, state: State) -> tuple[NDArray[np.int64], Float]:
-        """Return where the errors stand of pose, camera and landmark (L, k), and the Jacobian along them, (L, 3, k)."""
+    def _jacobian(self, state: State) -> tuple[NDArray[np.int64], Float]:
+        """Return H (L, 3, k) by extrinsics, newest clone and landmark, and the indices (L, k) of their errors."""
         if self._first is not None:
             return self._first
         newest = len(state.clones) - 1
@@ -58,16 +58,20 @@ class Sightings:
         return self._first
 
     def innovation(self, state: State) -> Innovation:
-        """Return how far each is from what the state foresees, S = H P H^T + I."""
-        at, H = self._rows_of_state(state)
+        """Return the innovation of each landmark, S = H P H^T + I."""
+        at, H = self._jacobian(state)
         P = state.cov[at[:, :, None], at[:, None, :]]
         return Innovation.of(self._residuals(state), H @ P @ np.swapaxes(H, 1, 2), self.observed.row_counts)
 
     def linearise(self, state: State, total: Information) -> None:
-        """Add the rows to ``total``."""
+        """Add L, H^T r and r^T r to ``total``, with Huber's weights.
+
+        Extrinsics and clone (``shared``) are the same for all landmarks, so their blocks are sums; each landmark's
+        (``owned``) are its own.
+        """
         r = self._residuals(state)
         self._scale = robust_scale(r)
-        at, H = self._rows_of_state(state)
+        at, H = self._jacobian(state)
         r, H = r * self._scale, H * self._scale[..., None]
         H_T = np.swapaxes(H, 1, 2)
         blocks, gradient = H_T @ H, (H_T @ r[..., None])[..., 0]
@@ -82,15 +86,15 @@ class Sightings:
         total.cost += float(np.sum(r * r))
 
     def cost(self, state: State) -> float:
-        """Return the cost."""
+        """Return r^T r with the weights of the last linearisation."""
         r = self._residuals(state) * self._scale
         return float(np.sum(r * r))
 
     def follow(self, step: Float) -> Float:
-        """Nothing of its own moves."""
+        """Return nothing: landmarks are part of the state."""
         del step
         return np.empty(0)
 
     def go_back(self, kept: Float) -> None:
-        """Nothing of its own has moved."""
+        """Do nothing: landmarks are part of the state."""
         del kept

@@ -1,6 +1,7 @@
-"""Loops over M points in n cameras for ``measurements``, compiled: the windows are too small for numpy to be quick at.
+"""Compiled loops over M points in n cameras: projection, residuals and Jacobians of the camera measurements.
 
-Arrays are contiguous: of those with gaps between their rows each kernel would be compiled once more.
+Windows are so small that numpy's overhead would dominate. Arrays are contiguous: for strided arrays every kernel would
+be compiled a second time.
 """
 
 import numpy as np
@@ -9,11 +10,12 @@ from snakeslam.geometry.compiled import compiled
 from snakeslam.messages import Float
 
 MIN_Z_M = 0.02
+"""Depths below this are replaced by it in a division: points near or behind the camera get large, finite residuals."""
 
 
 @compiled
 def cameras_from_imu(R_WI: Float, p_WI: Float, R_IC: Float, p_IC: Float) -> tuple[Float, Float]:
-    """Return R_CW (n, 3, 3) and R_CW p_WC (n, 3) of poses (n, 3, 3), (n, 3) and the camera's place on the IMU."""
+    """Return R_CW = R_CI R_IW (n, 3, 3) and R_CW p_WC (n, 3), p_WC = p_WI + R_WI p_IC, for n poses of the IMU."""
     R_CW, origin_C = np.empty((len(R_WI), 3, 3)), np.empty((len(R_WI), 3))
     for k in range(len(R_WI)):
         for i in range(3):
@@ -25,8 +27,8 @@ def cameras_from_imu(R_WI: Float, p_WI: Float, R_IC: Float, p_IC: Float) -> tupl
 
 
 @compiled
-def seen_from(points_W: Float, R_CW: Float, origin_C: Float) -> Float:
-    """Return points (M, 3) in every camera, (M, n, 3)."""
+def points_in_cameras(points_W: Float, R_CW: Float, origin_C: Float) -> Float:
+    """Return p_C = R_CW p_W - R_CW p_WC of points (M, 3) in every camera, (M, n, 3)."""
     out = np.empty((len(points_W), len(R_CW), 3))
     for m in range(len(points_W)):
         x, y, z = points_W[m]
@@ -38,8 +40,8 @@ def seen_from(points_W: Float, R_CW: Float, origin_C: Float) -> Float:
 
 
 @compiled
-def weighed_residuals(p_C: Float, xyz: Float, weight: Float) -> Float:
-    """Return ((x, y, z) seen - (x/z, y/z, z) of ``p_C``) times the weights, (M, n, 3) all."""
+def weighted_residuals(p_C: Float, xyz: Float, weight: Float) -> Float:
+    """Return the residuals z - h(p_C) times the weights, h = (X/Z, Y/Z, Z) of ``p_C``; all arrays are (M, n, 3)."""
     out = np.empty(p_C.shape)
     for m in range(p_C.shape[0]):
         for k in range(p_C.shape[1]):
@@ -52,8 +54,11 @@ def weighed_residuals(p_C: Float, xyz: Float, weight: Float) -> Float:
 
 
 @compiled
-def rows_along(axes: Float, p_C: Float, weight: Float) -> Float:
-    """Return weighted rows of d(x/z, y/z, z) of ``p_C`` (M, n, 3) along ``axes`` (n, 3, 3), (M, n, 3, 3)."""
+def project_jacobian(axes: Float, p_C: Float, weight: Float) -> Float:
+    """Return weight dh/dp_C axes, (M, n, 3, 3), for points ``p_C`` (M, n, 3) and matrices ``axes`` (n, 3, 3).
+
+    dh/dp_C = [1/z 0 -x/z^2; 0 1/z -y/z^2; 0 0 1].
+    """
     out = np.empty((*p_C.shape, 3))
     for m in range(p_C.shape[0]):
         for k in range(p_C.shape[1]):
@@ -67,8 +72,11 @@ def rows_along(axes: Float, p_C: Float, weight: Float) -> Float:
 
 
 @compiled
-def rows_by_turn_and_shift(rows: Float, p: Float, by_shift: Float) -> Float:
-    """Return (``rows`` [p]x, -``by_shift``), (M, n, 3, 6), of rows (M, n, 3, 3) and points (M, n, 3)."""
+def pose_jacobian(rows: Float, p: Float, by_shift: Float) -> Float:
+    """Return (``rows`` [p]x, -``by_shift``), (M, n, 3, 6): the Jacobian by a pose (theta, p).
+
+    ``rows`` (M, n, 3, 3) is dh/dp in the rotated frame, ``p`` (M, n, 3) the points there, ``by_shift`` dh by a shift.
+    """
     out = np.empty((*p.shape, 6))
     for m in range(p.shape[0]):
         for k in range(p.shape[1]):
@@ -85,7 +93,7 @@ def rows_by_turn_and_shift(rows: Float, p: Float, by_shift: Float) -> Float:
 
 @compiled
 def huber(r: Float, limit: float) -> Float:
-    """Return the square root of Huber's weight of each residual (N, 3), (N,)."""
+    """Return the square root of Huber's weight, min(1, limit / |r|), of each residual (N, 3), (N,)."""
     out = np.empty(len(r))
     for n in range(len(r)):
         size = np.sqrt(r[n, 0] ** 2 + r[n, 1] ** 2 + r[n, 2] ** 2)

@@ -1,4 +1,4 @@
-"""Points from their observations, with the poses of the window taken as they are."""
+"""Triangulation: points from their observations, with the poses of the window taken as exact."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,31 +15,38 @@ from snakeslam.estimation.measurements.camera import (
 from snakeslam.geometry.median import median
 from snakeslam.messages import Float
 
-ROUNDS = 4
+ITERATIONS = 4
 TINY = 1e-9
-SETTLED = 1e-2
+"""Keeps divisions and factorisations of empty sums finite."""
+CONVERGED = 1e-2
+"""Relative change of every point's cost at which the iteration ends."""
 MAX_RELATIVE_SIGMA = 0.1
+"""Largest sigma of a point, as a share of its distance, with which it may be used."""
 MIN_Z_M = 0.1
+"""A point nearer than this to a camera that observes it is an error."""
 NEAR_M = 0.3
+"""Nearer points may have the sigma of one at this distance."""
+RAY_PRIOR = 1e-6
+"""Added to the normal matrix of parallel rays, whose intersection is at infinity."""
 
 
 def triangulate(poses: Poses, observed: Observations, rows: CameraRows) -> tuple[Float, NDArray[np.bool_]]:
     """Return points (M, 3) in W and which of them are well determined.
 
-    Starts from the mean of the measured depths or, without any, from the point nearest to all rays; then
-    Levenberg-Marquardt on the whitened residuals: (A + mu diag A) step = g.
+    It starts from the mean of the measured depths or, without any, from the point nearest to all rays; then
+    Levenberg-Marquardt on the whitened residuals, (A + mu diag A) step = g, all points at once.
     """
     points = _start(poses, observed, rows)
     damping = np.full(len(points), 1e-3)
     A, g, cost = _normal_equations(points, poses, observed, rows)
     diagonal = np.arange(3)
-    for _ in range(ROUNDS):
+    for _ in range(ITERATIONS):
         damped = A.copy()
         damped[:, diagonal, diagonal] += damping[:, None] * (A[:, diagonal, diagonal] + TINY)
         trial: Float = np.asarray(points + np.linalg.solve(damped, g[..., None])[..., 0], dtype=np.float64)
         A_trial, g_trial, trial_cost = _normal_equations(trial, poses, observed, rows)
         better = trial_cost <= cost
-        settled = bool(np.all(np.abs(cost - trial_cost) <= SETTLED * (cost + SETTLED)))
+        settled = bool(np.all(np.abs(cost - trial_cost) <= CONVERGED * (cost + CONVERGED)))
         points = np.where(better[:, None], trial, points)
         A, g = np.where(better[:, None, None], A_trial, A), np.where(better[:, None], g_trial, g)
         cost = np.where(better, trial_cost, cost)
@@ -50,6 +57,8 @@ def triangulate(poses: Poses, observed: Observations, rows: CameraRows) -> tuple
 
 
 def _start(poses: Poses, observed: Observations, rows: CameraRows) -> Float:
+    """Return the weighted mean of p_WC + z R_WC (x, y, 1) over the measured depths, else the point nearest the rays."""
+
     R_WC = poses.R_WI @ rows.R_IC
     p_WC = poses.p_WI + poses.R_WI @ rows.p_IC
     rays = np.concatenate([observed.xyz[..., :2], np.ones((*observed.seen.shape, 1))], axis=-1)
@@ -64,12 +73,12 @@ def _start(poses: Poses, observed: Observations, rows: CameraRows) -> Float:
 
 
 def _nearest_to_rays(rays_W: Float, p_WC: Float, seen: NDArray[np.bool_]) -> Float:
-    """Return the point with the least squared distance to each point's rays: sum (I - d d^T)(P - c) = 0."""
+    """Return the points nearest to their rays, in the least-squares sense: sum (I - d d^T)(P - c) = 0."""
     if not len(rays_W):
         return np.empty((0, 3))
     d = rays_W / np.linalg.norm(rays_W, axis=-1, keepdims=True)
     off_ray = (np.eye(3) - d[..., :, None] * d[..., None, :]) * seen[..., None, None]
-    A = off_ray.sum(axis=1) + 1e-6 * np.eye(3)
+    A = off_ray.sum(axis=1) + RAY_PRIOR * np.eye(3)
     b = np.einsum("mnij,nj->mi", off_ray, p_WC)
     return np.asarray(np.linalg.solve(A, b[..., None])[..., 0], dtype=np.float64)
 
@@ -90,10 +99,11 @@ def _normal_equations(
 def _well_determined(
     points: Float, A: Float, poses: Poses, observed: Observations, rows: CameraRows
 ) -> NDArray[np.bool_]:
-    """Return which points are in front of all cameras and known well enough for their distance.
+    """Return which points are in front of all their cameras and precise enough for their distance.
 
-    Noise alone makes far points look near, and near points well known. So one that is nearer than the median is asked
-    what would be known of it there, sigma ~ distance^2: chosen by their own noise, points make the filter too sure.
+    Noise makes some far points appear near, and a near point has a small sigma. Selected by that sigma, such points
+    would make the filter overconfident. So the sigma of a point nearer than the median is evaluated at the median
+    distance, sigma ~ distance^2.
     """
     p_C = points_in_camera(points, poses, rows)
     in_front = np.all((p_C[..., 2] > MIN_Z_M) | ~observed.seen, axis=1) & np.all(np.isfinite(points), axis=1)

@@ -13,10 +13,10 @@ class VisualSettings(OrbMapSettings):
     """ORB odometry on RGB-D frames, without IMU."""
 
     max_sigma_m: Positive = 0.1
-    """A pose whose position is less certain than this is not believed, one sigma in m."""
+    """A pose is rejected if its position is less certain than this, one sigma in m."""
     max_speed_m_s: Positive = 2.0
-    """A pose that asks for a faster motion than this is not believed, in m/s."""
+    """A pose is rejected if it requires a faster motion than this, in m/s."""
     max_acceleration_m_s2: Positive = 10.0
-    """How far a pose with few points in agreement may be from the prediction, in m/s^2."""
+    """Acceleration that bounds how far a pose with few inliers may be from the prediction, in m/s^2."""
     max_rate_deg_s: Positive = 720.0
-    """The same for turning, in deg/s."""
+    """A pose is rejected if it requires a faster rotation than this, in deg/s."""

@@ -97,7 +97,9 @@ class Preintegrated:
 def preintegrate(segments: ImuSegments, bias_g: Float, bias_a: Float, noise: ImuCalibration) -> Preintegrated:
     """Return the sums of Eq. (26) over what the IMU measures, Eq. (22), with their covariance and bias Jacobians.
 
-    In each span i rate and specific force are constant, w = w_m - b_g and a = a_m - b_a.
+    In each span i rate and specific force are constant, w = w_m - b_g and a = a_m - b_a; the rotation is integrated by
+    Eq. (23)-(24).
+
     """
     dt = segments.dt_s
     rotations = (segments.gyro_I - bias_g) * dt[:, None]

@@ -1,1 +1,1 @@
-"""Lie groups on numpy batches: ``so3``, ``se3``, and ``numeric`` Jacobians for tests."""
+"""Lie groups on numpy batches (``so3``, ``se3``), numeric Jacobians for tests, compiled helpers."""

@@ -1,4 +1,4 @@
-"""Compiling the few loops over joints, contacts and rotations that are too small for numpy to be quick at."""
+"""Compilation of the loops over joints, contacts, pixels and rotations in which numpy's overhead would dominate."""
 
 from collections.abc import Callable
 from typing import Any, TypeVar
@@ -9,13 +9,13 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 
 def compiled(function: Function) -> Function:
-    """Return ``function`` compiled to machine code at its first call, and kept on disk where there is a place for it.
+    """Return ``function``, compiled to machine code at its first call and cached on disk where that is possible.
 
-    Without numba's "fast math": the same input gives the same bytes on the same machine.
+    numba's "fast math" is not used, so that the same input gives the same bytes on the same machine.
     """
     made: Any
     try:
         made = numba.njit(cache=True, error_model="numpy")(function)
-    except RuntimeError:  # neither the package's folder nor the user's cache can be written
+    except RuntimeError:  # Neither the package's folder nor the user's cache is writable.
         made = numba.njit(error_model="numpy")(function)
     return made

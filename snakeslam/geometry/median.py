@@ -1,4 +1,4 @@
-"""The median of few numbers, of which a frame takes several."""
+"""The median of few numbers, which each frame needs several times."""
 
 from snakeslam.geometry.compiled import compiled
 from snakeslam.geometry.so3 import Array
@@ -6,7 +6,7 @@ from snakeslam.geometry.so3 import Array
 
 @compiled
 def median(values: Array) -> float:
-    """Return the median of ``values`` (N,), N >= 1; numpy's own takes twenty times as long on few."""
+    """Return the median of ``values`` (N,), N >= 1; numpy's own takes twenty times as long on a few."""
     ordered = values.copy()
     ordered.sort()
     middle = len(ordered) // 2

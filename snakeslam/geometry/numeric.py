@@ -1,4 +1,4 @@
-"""Numeric Jacobians, the oracle that analytic ones are tested against."""
+"""Numeric Jacobians, against which the analytic ones are tested."""
 
 from collections.abc import Callable
 

@@ -12,6 +12,7 @@ from snakeslam.geometry.compiled import compiled
 Array = NDArray[np.float64]
 
 SMALL_ANGLE_RAD = 1e-4
+"""Below this angle the formulas are replaced by their Taylor series; the first term left out is below 1e-16."""
 
 
 def hat(w: Array) -> Array:
@@ -25,7 +26,7 @@ def hat(w: Array) -> Array:
 
 
 def cross(a: Array, b: Array) -> Array:
-    """Return a x b, (..., 3); numpy's own takes ten times as long on few rows."""
+    """Return a x b, (..., 3); numpy's own takes ten times as long on a few rows."""
     if a.shape != b.shape:
         a, b = np.broadcast_arrays(a, b)
     return _crosses(_rows(a, 1), _rows(b, 1)).reshape(a.shape)
@@ -41,7 +42,7 @@ def _crosses(a: Array, b: Array) -> Array:
 
 @compiled
 def cross_of_two(a: Array, b: Array) -> Array:
-    """Return a x b of two vectors (3,), in other compiled loops."""
+    """Return a x b of two vectors (3,), for use in other compiled loops."""
     return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
@@ -83,7 +84,7 @@ def log(R: Array) -> Array:
 
 @compiled
 def _logs(R: Array) -> Array:
-    turns = np.empty((len(R), 3))
+    w_out = np.empty((len(R), 3))
     for n, q in enumerate(_quats(R)):
         sign = -1.0 if q[0] < 0.0 else 1.0
         w, sine = sign * q[0], np.sqrt(q[1] ** 2 + q[2] ** 2 + q[3] ** 2)
@@ -91,8 +92,8 @@ def _logs(R: Array) -> Array:
             scale = 2.0 / w * (1.0 - sine**2 / (3.0 * w**2))
         else:
             scale = 2.0 * np.arctan2(sine, w) / sine
-        turns[n] = sign * scale * q[1:]
-    return turns
+        w_out[n] = sign * scale * q[1:]
+    return w_out
 
 
 def right_jacobian(w: Array) -> Array:
@@ -197,7 +198,7 @@ def _matrices(quats: Array) -> Array:
 
 
 def _rows(values: Array, axes: int) -> Array:
-    """Return a batch of any shape as one row of vectors (``axes`` 1) or matrices (2)."""
+    """Return a batch of any shape as one sequence of vectors (``axes`` 1) or matrices (``axes`` 2)."""
     return np.ascontiguousarray(values).reshape(-1, *values.shape[values.ndim - axes :])
 
 

@@ -1,1 +1,1 @@
-"""Keyframe chunks of coloured points, and their export."""
+"""The map: keyframes with chunks of coloured points, free distances in it, and its export."""

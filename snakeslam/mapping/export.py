@@ -1,4 +1,4 @@
-"""The map as a file that other programs read."""
+"""Export of the map as a PLY file."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -14,7 +14,10 @@ PLY_NAMES = {"<f4": "float", "|u1": "uchar"}
 
 
 def write_ply(path: Path, chunks: Sequence[MapChunk]) -> None:
-    """Write all points in W (m) with their colours as a binary little-endian PLY [Turk94]; an empty map is allowed."""
+    """Write all points in W (m) with their colours as a binary little-endian PLY [Turk94]; an empty map is allowed.
+
+    The file is written beside ``path`` and then renamed, so that ``path`` is always complete.
+    """
     part = path.with_name(f".{path.name}.part")
     part.write_bytes(ply_bytes([ply_vertices(chunk) for chunk in chunks]))
     part.replace(path)

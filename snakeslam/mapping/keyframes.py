@@ -1,4 +1,4 @@
-"""Which frames become keyframes, and the chunk that each one adds to the map."""
+"""The map from keyframes: which frames become keyframes, and the chunk of points that each one adds."""
 
 from dataclasses import dataclass, field, replace
 
@@ -15,7 +15,7 @@ from snakeslam.messages import CameraFrame, Float, MapChunk, MapTie
 
 @dataclass(slots=True)
 class _Island:
-    """One map: the cubes of its world that have a point, its keyframes' poses (K, 4, 4), and its chunks.
+    """One map: its occupied voxels, the poses of its keyframes (K, 4, 4), and its chunks.
 
     The chunks of the first map, which never moves, are not kept.
     """
@@ -26,7 +26,7 @@ class _Island:
 
 
 class KeyframeMapper:
-    """Takes frames with their poses; gives a chunk where the view is new."""
+    """Adds keyframes from frames with their poses; one map for each number, until a tie connects them."""
 
     def __init__(self, settings: MappingSettings, calibration: CameraCalibration) -> None:
         self._settings = settings
@@ -36,12 +36,13 @@ class KeyframeMapper:
         self._last: tuple[int, Float] | None = None
 
     def update(self, frame: CameraFrame, T_WC: Float, number: int = 0) -> tuple[MapChunk, ...]:
-        """Return the new chunk of a frame: the points of a new view where its map has none; nothing if blurred.
+        """Return the chunk that a frame adds, or nothing if its view is not new, it is blurred or has no depth.
 
-        ``number`` is that of the map, 0 for the first one and all that is connected to it.
+        ``number`` is the number of the map, 0 for the first one and all that are tied to it. A chunk has those points
+        of the frame whose voxels are empty.
         """
         island = self._island(number)
-        blurred = self._turns_fast(frame.t_ns, T_WC)
+        blurred = self._rotates_fast(frame.t_ns, T_WC)
         if frame.depth_m is None or blurred or not _is_new(island.Ts_WK, T_WC, self._settings):
             return ()
         points_K, rgb = depth_points(frame, self._camera, self._settings)
@@ -56,9 +57,9 @@ class KeyframeMapper:
         return (chunk,)
 
     def tie(self, tie: MapTie) -> tuple[MapChunk, ...]:
-        """Move a map to where it lies in an earlier one; return its chunks there, each a revision."""
+        """Move a map into an earlier one, T_WK <- T T_WK; return its chunks there, each with its next revision."""
         moved, into = self._islands.pop(tie.island, None), self._island(tie.into)
-        # The last frame's pose was in the other map.
+        # The pose of the last frame is one of the other map: it gives no rotation rate.
         self._last = None
         if moved is None:
             return ()
@@ -73,7 +74,8 @@ class KeyframeMapper:
     def _island(self, number: int) -> _Island:
         return self._islands.setdefault(number, _Island(Voxels(self._settings.voxel_m)))
 
-    def _turns_fast(self, t_ns: int, T_WC: Float) -> bool:
+    def _rotates_fast(self, t_ns: int, T_WC: Float) -> bool:
+        """Return whether the camera has rotated since the last frame so fast that the image is blurred."""
         last, self._last = self._last, (t_ns, T_WC)
         if last is None or t_ns <= last[0]:
             return False
@@ -82,9 +84,10 @@ class KeyframeMapper:
 
 
 def _is_new(Ts_WK: Float, T_WC: Float, settings: MappingSettings) -> bool:
-    """Whether no keyframe is both near and turned the same way."""
+    """Return whether no keyframe has both a similar position and a similar orientation."""
     to_keyframes = Ts_WK[:, :3, 3] - T_WC[:3, 3]
     far = np.einsum("ni,ni->n", to_keyframes, to_keyframes) > settings.keyframe_distance_m**2
     cosine = (np.einsum("nij,ij->n", Ts_WK[:, :3, :3], T_WC[:3, :3]) - 1.0) / 2.0
-    turned = cosine < np.cos(np.deg2rad(settings.keyframe_angle_deg))
-    return bool(np.all(far | turned))
+    # Angle of R_WK^T R_WC by its trace, cos = (tr - 1) / 2.
+    rotated = cosine < np.cos(np.deg2rad(settings.keyframe_angle_deg))
+    return bool(np.all(far | rotated))

@@ -4,7 +4,8 @@ from snakeslam.calibration import SensorRig
 from snakeslam.errors import InputError
 from snakeslam.estimation.base import Estimator, FrameEstimate
 from snakeslam.estimation.gait.aid import GaitAid
-from snakeslam.estimation.planar.odometry import GaitOdometry, PlanarOdometry
+from snakeslam.estimation.planar.dead_reckoning import GaitDeadReckoning
+from snakeslam.estimation.planar.odometry import PlanarOdometry
 from snakeslam.estimation.settings import EstimatorSettings
 from snakeslam.estimation.start.plausibility import check_camera
 from snakeslam.estimation.vio.odometry import VisualInertialOdometry
@@ -34,7 +35,7 @@ def build_estimator(
             settings.planar, settings.max_iterations, VisualInertialOdometry(settings, rig, seed), model
         )
     if settings.mode == "gait":
-        return GaitOdometry(settings.planar, model)
+        return GaitDeadReckoning(settings.planar, model)
     if model is None:
         raise InputError("estimator.mode", "'fused' needs a robot's joints, and here are none", "visual, vio")
     return VisualInertialOdometry(settings, rig, seed, gait=GaitAid(model, settings.gait))

@@ -8,10 +8,12 @@ import pytest
 
 from snakeslam.errors import InputError
 from snakeslam.estimation.base import FrameEstimate
-from snakeslam.estimation.planar.motion import GaitMotion, Shape, rotation
-from snakeslam.estimation.planar.odometry import GaitOdometry, PlanarOdometry, plane, planted
+from snakeslam.estimation.planar.dead_reckoning import GaitDeadReckoning
+from snakeslam.estimation.planar.motion import BodyShape, GaitMotionModel, rotation
+from snakeslam.estimation.planar.odometry import PlanarOdometry
+from snakeslam.estimation.planar.poses import plane_pose, with_plane_pose
 from snakeslam.estimation.planar.state import (
-    Motion,
+    ControlInput,
     PlanarState,
     move,
     observation_jacobian,
@@ -33,15 +35,15 @@ from tests.estimation.wall import RIG
 
 MODEL = PRESETS["sim35"]
 SETTINGS = EstimatorSettings()
-GAIT = GaitMotion(MODEL, 3.0, "fan")
-SHAPE = Shape(np.array([1.3, 0.2]), 0.4)
+GAIT = GaitMotionModel(MODEL, 3.0, "fan")
+SHAPE = BodyShape(np.array([1.3, 0.2]), 0.4)
 STEP_NS, FRAME_EVERY = 10_000_000, 5
 REST_S = 0.5
 PICTURE = np.zeros((4, 4), np.uint8)
 
 
-def motion(keep: float = 0.9) -> Motion:
-    return Motion(0.11, 0.3, 0.09, 0.25, 0.2, keep, 0.03, 0.05, 0.01)
+def motion(keep: float = 0.9) -> ControlInput:
+    return ControlInput(0.11, 0.3, 0.09, 0.25, 0.2, keep, 0.03, 0.05, 0.01)
 
 
 # -- Formulas ---------------------------------------------------------------------------------------------------------
@@ -50,7 +52,7 @@ def motion(keep: float = 0.9) -> Motion:
 def test_the_motion_is_the_papers() -> None:
     """Eq. (37), Eq. (38): p += v dt (cos, sin), theta += omega dt, v and omega from the motion model."""
     x = np.array([1.0, 2.0, 0.5, 7.0, 8.0])
-    u = Motion(0.2, 0.4, 0.0, 0.0, 0.0, 0.0, 0.03, 0.05, 0.01)
+    u = ControlInput(0.2, 0.4, 0.0, 0.0, 0.0, 0.0, 0.03, 0.05, 0.01)
     middle = 0.5 + 0.4 * 0.1 / 2
     expected = [1.0 + 0.02 * np.cos(middle), 2.0 + 0.02 * np.sin(middle), 0.54, 0.2, 0.4]
     np.testing.assert_allclose(move(x, u, 0.1), expected)
@@ -69,8 +71,8 @@ def test_jacobians(rng: np.random.Generator, keep: float) -> None:
 
     def disturbed(w: Float) -> Float:
         u = motion(keep)
-        moved = move(x, Motion(u.speed + w[0], u.omega + w[1], *(0.0, 0.0), u.direction_rad, 0.0, 0, 0, 0), 0.05)
-        at = move(x, Motion(u.speed, u.omega, 0.0, 0.0, u.direction_rad, 0.0, 0, 0, 0), 0.05)
+        moved = move(x, ControlInput(u.speed + w[0], u.omega + w[1], *(0.0, 0.0), u.direction_rad, 0.0, 0, 0, 0), 0.05)
+        at = move(x, ControlInput(u.speed, u.omega, 0.0, 0.0, u.direction_rad, 0.0, 0, 0, 0), 0.05)
         way = x[2] + 0.5 * u.omega * 0.05 + u.direction_rad
         across = w[2] * 0.05 * np.array([-np.sin(way), np.cos(way), 0, 0, 0])
         return moved - at + across
@@ -87,7 +89,7 @@ def test_prediction_adds_what_the_model_does_not_know(rng: np.random.Generator) 
         state = PlanarState(np.zeros(5), np.diag([0, 0, 0, 9e-4, 2.5e-3]))
         for _ in range(count):
             keep = float(np.exp(-1.0 / count))
-            state.predict(Motion(0.1, 0.0, 0.1, 0.0, 0.0, keep, 0.03, 0.05, 0.01), 1.0 / count, 1.0)
+            state.predict(ControlInput(0.1, 0.0, 0.1, 0.0, 0.0, keep, 0.03, 0.05, 0.01), 1.0 / count, 1.0)
         grown.append(state.cov)
     np.testing.assert_allclose(np.diag(grown[0]), np.diag(grown[1]), rtol=0.25)
     assert np.diag(grown[1])[3] == pytest.approx(9e-4, rel=0.05), "the speed's error stays what it is"
@@ -227,7 +229,9 @@ class FakeVio:
         if self.lost and packet.seq == self.lost.stop:
             # It starts anew in the pose in which it was lost.
             last = self.truth[packet.t_ns - STEP_NS * FRAME_EVERY * len(self.lost)]
-            self.world = planted(last, plane(last) + np.array([0.3, 0.2, 0.5])) @ se3.inv(self.truth[packet.t_ns])
+            self.world = with_plane_pose(last, plane_pose(last) + np.array([0.3, 0.2, 0.5])) @ se3.inv(
+                self.truth[packet.t_ns]
+            )
         step = self.drift_m * np.sqrt(STEP_NS * FRAME_EVERY / 1e9)
         self._shift = self._shift + self._rng.normal(0, step, 2)
         self._variance += step**2
@@ -253,14 +257,14 @@ def crawl(duration_s: float, slip: float = 0.8, gait: GaitName = "serpentine") -
             state.x[:2] += slip * rotation(theta) @ twist.v * STEP_NS / 1e9
             state.x[2] += twist.omega * STEP_NS / 1e9
         shape = GAIT.shape(now.q_rad, GAIT.level_attitude(now.q_rad))
-        truth[now.t_ns] = planted(np.eye(4), observe(state.x, shape))
+        truth[now.t_ns] = with_plane_pose(np.eye(4), observe(state.x, shape))
         packets.append(now)
         if k % FRAME_EVERY == 0:
             packets.append(CameraFrame(now.t_ns, k // FRAME_EVERY - 1, PICTURE))
     return packets, truth
 
 
-def follow(estimator: PlanarOdometry | GaitOdometry, packets: list[Packet]) -> Iterator[FrameEstimate]:
+def follow(estimator: PlanarOdometry | GaitDeadReckoning, packets: list[Packet]) -> Iterator[FrameEstimate]:
     for packet in packets:
         estimate = estimator.process(packet)
         assert (estimate is not None) == isinstance(packet, CameraFrame)
@@ -288,7 +292,7 @@ def test_it_is_better_than_the_gait_alone_and_smoother_than_the_pose(
     planar = list(
         follow(PlanarOdometry(settings.planar, settings.max_iterations, FakeVio(truth, noise_m=0.002), MODEL), packets)
     )
-    alone = list(follow(GaitOdometry(SETTINGS.planar, MODEL), packets))
+    alone = list(follow(GaitDeadReckoning(SETTINGS.planar, MODEL), packets))
     fake = FakeVio(truth, noise_m=0.002)
     vio = [e for e in (fake.process(p) for p in packets) if e is not None]
     assert len(planar) == len(alone) == len(vio)

@@ -1,7 +1,7 @@
 """The paper's motion models [Tang24]: serpentine kinematics, Eq. (28)-(31), and arc rolling, Eq. (32)-(36).
 
-Eq. (31) is an identity: how fast the centre of mass and the mean heading move is a matter of friction. ``Rods.twist``
-closes it by the balance of forces. For arc rolling there is the paper's speed and, beside it, the corrected one.
+Eq. (31) is an identity: the velocity of the centre of mass and the rate of the mean heading are determined by friction.
+``Rods.twist`` closes it by the balance of forces. For arc rolling there is the paper's speed and the corrected one.
 """
 
 from dataclasses import dataclass
@@ -11,19 +11,20 @@ import numpy as np
 from snakeslam.messages import Float
 
 SLIP_M_S = 0.02
-"""Speed below which friction grows linearly."""
-BALANCE_ROUNDS = 12
+"""Speed of a contact below which its friction is proportional to it: the regularisation of Coulomb's law."""
+BALANCE_ITERATIONS = 12
 SMALL_TWIST = 1e-3
-"""Far less than what the model is wrong by, in m/s and rad/s."""
+"""Change, in m/s and rad/s, at which the balance has converged: far below the error of the model."""
 FAN_POINTS = 33
-FAN_ROUNDS = 40
+"""Points at which the integral over the arc is evaluated."""
+FAN_ITERATIONS = 40
 
 
 @dataclass(frozen=True, slots=True)
 class Twist:
     """Motion in the plane: velocity of the centre of mass ``v`` (2,) m/s, rate of the mean heading ``omega`` rad/s.
 
-    ``effort`` m/s is how fast the joints move the links (rms), by which the model's error is measured.
+    ``effort`` m/s is the RMS speed at which the joints move the links; the model's error is proportional to it.
     """
 
     v: Float
@@ -41,12 +42,12 @@ class Rods:
         self.K = self.A.T @ np.linalg.solve(self.D @ self.D.T, self.D)
 
     def gaps(self, X: Float, Y: Float, theta: Float) -> tuple[Float, Float]:
-        """Return what Eq. (29) says is 0: D X + l A cos(theta) and D Y + l A sin(theta), (N - 1,) m."""
+        """Return D X + l A cos(theta) and D Y + l A sin(theta), (N - 1,) m, which are zero by Eq. (29)."""
         along = self.half_length_m * self.A @ np.array([np.cos(theta), np.sin(theta)]).T
         return self.D @ X + along[:, 0], self.D @ Y + along[:, 1]
 
     def positions(self, theta: Float, p: Float) -> tuple[Float, Float]:
-        """Return the rods' middles X, Y (N,) from the centre of mass p (2,), Eq. (30): T^-1 [-l A cos(theta); p_x].
+        """Return the rods' centres X, Y (N,) for the centre of mass p (2,), Eq. (30): T^-1 [-l A cos(theta); p_x].
 
         T^-1 = [D^T (D D^T)^-1, e], so that X = -l K^T cos(theta) + e p_x with K = A^T (D D^T)^-1 D.
         """
@@ -61,13 +62,14 @@ class Rods:
     def twist(self, theta: Float, dtheta: Float, load: Float, friction_ratio: float) -> Twist:
         """Return the motion at which friction balances, dp and omega of Eq. (31) with rates dtheta + omega.
 
-        Minimises sum w (v_t^2 + c v_n^2 + c l^2/3 rate^2) over the rods, c the ratio of friction across to along, with
-        w = load / sqrt(|v|^2 + slip^2) taken anew each round: Coulomb friction. ``load`` (N,) >= 0.
+        It minimises sum w (v_t^2 + c v_n^2 + c l^2/3 rate^2) over the rods, c the ratio of friction across to along,
+        with w = load / sqrt(|v|^2 + slip^2) of the iteration before: Coulomb friction by iteratively re-weighted least
+        squares. ``load`` (N,) >= 0.
         """
         flat = self._friction_rows(theta, dtheta, friction_ratio)
         u: Float = np.zeros(3)
         weight = load
-        for _ in range(BALANCE_ROUNDS):
+        for _ in range(BALANCE_ITERATIONS):
             before = u
             normal = (flat * np.tile(weight, 3)[:, None]).T @ flat
             u = np.asarray(-np.linalg.solve(normal[:3, :3], normal[:3, 3]), dtype=np.float64)
@@ -81,16 +83,16 @@ class Rods:
     def _friction_rows(self, theta: Float, dtheta: Float, friction_ratio: float) -> Float:
         """Return rows (3 N, 4): v_t of all rods, then sqrt(c) v_n, then sqrt(c/3) l rate.
 
-        Columns are the shares of dp_x, dp_y and omega, and what is there without them.
+        The columns are the coefficients of dp_x, dp_y and omega, and the constant part by the joint rates.
         """
         c, s = np.cos(theta), np.sin(theta)
         zero, one = np.zeros_like(c), np.ones_like(c)
-        turn = self.velocities(theta, one, np.zeros(2))
+        by_omega = self.velocities(theta, one, np.zeros(2))
         own = self.velocities(theta, dtheta, np.zeros(2))
         across, spin = np.sqrt(friction_ratio), np.sqrt(friction_ratio / 3.0) * self.half_length_m
         rows = [
-            [c, s, c * turn[0] + s * turn[1], c * own[0] + s * own[1]],
-            [-across * s, across * c, across * (c * turn[1] - s * turn[0]), across * (c * own[1] - s * own[0])],
+            [c, s, c * by_omega[0] + s * by_omega[1], c * own[0] + s * own[1]],
+            [-across * s, across * c, across * (c * by_omega[1] - s * by_omega[0]), across * (c * own[1] - s * own[0])],
             [zero, zero, spin * one, spin * dtheta],
         ]
         return np.moveaxis(np.array(rows), 1, 2).reshape(-1, 4)
@@ -120,7 +122,7 @@ def swing_velocity(omega: float, length_m: float, amplitude: float, phase: float
 
 
 def paper_rolling_speed(omega: float, radius_m: float, length_m: float, amplitude: float, phase: float) -> float:
-    """Return the speed of arc rolling, Eq. (35): v_wheel + v_x in the first quarter turn of each half, then v_wheel."""
+    """Return the speed of arc rolling, Eq. (35): v_wheel + v_x in the first half of each half period, then v_wheel."""
     if phase % np.pi <= np.pi / 2.0:
         return lifting_speed(omega, radius_m, length_m, amplitude, phase % np.pi)
     return wheel_speed(omega, radius_m)
@@ -140,13 +142,13 @@ def lifting_speed(omega: float, radius_m: float, length_m: float, amplitude: flo
 def fan_rolling_speed(omega: float, radius_m: float, joint_count: int, amplitude: float) -> float:
     """Return V = argmin int |V - omega r n(s)| ds, the speed of an arc whose normals n fan over +-N A/4, in m/s.
 
-    Coulomb friction; with viscous friction it were omega r sin(beta)/beta. The corrected form of Eq. (36).
+    This is for Coulomb friction; viscous friction gives omega r sin(beta)/beta. It is the corrected form of Eq. (36).
     """
     beta = joint_count * amplitude / 4.0
     edges = np.linspace(-beta, beta, FAN_POINTS + 1)
     angle = 0.5 * (edges[:-1] + edges[1:])
     V = float(np.mean(np.cos(angle)))
-    for _ in range(FAN_ROUNDS):
+    for _ in range(FAN_ITERATIONS):
         weight = 1.0 / np.sqrt((V - np.cos(angle)) ** 2 + np.sin(angle) ** 2 + 1e-12)
         V = float(np.sum(weight * np.cos(angle)) / np.sum(weight))
     return omega * radius_m * V

@@ -74,7 +74,7 @@ def judge(evidence: Evidence, settings: HealthSettings) -> Health:
 def _reasons(evidence: Evidence, settings: HealthSettings) -> tuple[str, ...]:
     agreement = evidence.agreement
     possible = (
-        (evidence.frozen, "the picture does not change"),
+        (evidence.frozen, "the image does not change"),
         (evidence.followed < settings.few_features, f"few features: {evidence.followed}"),
         (
             evidence.rejected > max(settings.few_features, evidence.followed),

@@ -181,7 +181,7 @@ def test_a_picture_that_does_not_change_is_said_to() -> None:
     same = CameraFrame(4 * STEP_NS, 4, frames[3].gray, None, frames[3].depth_m)
     estimate = run([*frames, same])[-1]
     assert estimate.health.verdict is Verdict.BLIND
-    assert estimate.health.reasons == ("the picture does not change",)
+    assert estimate.health.reasons == ("the image does not change",)
 
 
 def test_a_leap_is_not_believed() -> None:

@@ -91,5 +91,5 @@ def test_the_map_is_bounded_and_ids_are_never_used_twice() -> None:
 def test_the_first_look_of_a_point_is_kept() -> None:
     points = filled_map(1)
     for k in range(1, 5):
-        points.remember(np.array([0]), np.full((1, 4), k, np.uint64))
+        points.add_descriptors(np.array([0]), np.full((1, 4), k, np.uint64))
     assert points.descriptors[0, :, 0].tolist() == [0, 3, 4]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from snakeslam.estimation.orb_map.bundle import Bundle, _jacobians, _residuals, adjust
-from snakeslam.estimation.orb_map.pnp import Sightings, jacobian, ransac_pose, refine_pose, residuals
+from snakeslam.estimation.orb_map.pnp import PointObservations, jacobian, ransac_pose, refine_pose, residuals
 from snakeslam.geometry import numeric, se3, so3
 
 FOCAL_PX = 500.0
@@ -19,14 +19,16 @@ def points_ahead(rng: np.random.Generator, n: int, T: np.ndarray = T_WC) -> np.n
     return se3.act(T, np.column_stack([xy * z[:, None], z]))
 
 
-def sightings(rng: np.random.Generator, points_W: np.ndarray, T: np.ndarray = T_WC, noise: float = 1.0) -> Sightings:
+def sightings(
+    rng: np.random.Generator, points_W: np.ndarray, T: np.ndarray = T_WC, noise: float = 1.0
+) -> PointObservations:
     """What the camera measures of them, with noise; every third one has no depth."""
     q = se3.act(se3.inv(T), points_W)
     sigma_z = 0.004 + 0.004 * q[:, 2] ** 2
     weights = np.stack([np.full(len(q), FOCAL_PX / SIGMA_PX)] * 2 + [1.0 / sigma_z], axis=-1)
     xyz = np.column_stack([q[:, :2] / q[:, 2:], q[:, 2]]) + noise * rng.standard_normal((len(q), 3)) / weights
     weights[::3, 2] = 0.0
-    return Sightings(points_W, xyz, weights)
+    return PointObservations(points_W, xyz, weights)
 
 
 def test_pose_jacobian_against_numeric() -> None:

@@ -1,4 +1,4 @@
-"""Which map points a picture shows, and the pose that they give."""
+"""Matching of an image with the map, and the camera's pose from it."""
 
 import cv2
 import numpy as np
@@ -7,30 +7,35 @@ from scipy.spatial import cKDTree
 
 from snakeslam.estimation.imaging.camera import PinholeCamera
 from snakeslam.estimation.orb_map.keyframe_map import VisualMap
-from snakeslam.estimation.orb_map.orb import Matches, best_pairs, hamming
-from snakeslam.estimation.orb_map.pnp import MIN_Z_M, Sightings, ransac_pose, refine_pose
+from snakeslam.estimation.orb_map.orb import IndexPairs, best_pairs, hamming
+from snakeslam.estimation.orb_map.pnp import MIN_Z_M, PointObservations, ransac_pose, refine_pose
 from snakeslam.estimation.orb_map.settings import OrbMapSettings
 from snakeslam.estimation.orb_map.view import Match, View
 from snakeslam.messages import Float
 
 REFERENCE_FOCAL_PX = 500.0
+"""Focal length to which the search radii of the settings refer."""
 RANSAC_THRESHOLD_PX = 4.0
 MARGIN = 0.1
+"""Normalised margin around the image within which points count as visible, since the predicted pose is uncertain."""
 RECENT_FRAMES = 3
 MIN_RECENT = 100
+"""The first search uses the points matched in the last RECENT_FRAMES if there are so many, else all."""
 OLD_FRAMES = 10
+"""Points not matched for so many frames are candidates for closing a loop."""
 CONSENSUS_SHARE = 0.15
-NOTHING = Matches(np.empty(0, np.int64), np.empty(0, np.int64))
+"""Least share of the pairs that must be inliers of the first pose."""
+NOTHING = IndexPairs(np.empty(0, np.int64), np.empty(0, np.int64))
 
 
 def _extremes(px: Float) -> Float:
-    """Return the pixels of (N, 2) that lie outermost along the axes and the diagonals, (8, 2)."""
+    """Return the outermost of the pixels (N, 2) along the axes and the diagonals, (8, 2)."""
     along = px @ np.array([[1.0, 0.0, 1.0, 1.0], [0.0, 1.0, 1.0, -1.0]])
     return px[np.concatenate([along.argmin(axis=0), along.argmax(axis=0)])]
 
 
 class Matcher:
-    """Matches features with the map, near a predicted pose or anywhere."""
+    """IndexPairs features with the map, near a predicted pose or anywhere."""
 
     def __init__(self, settings: OrbMapSettings, camera: PinholeCamera, seed: int) -> None:
         self._settings = settings
@@ -41,54 +46,55 @@ class Matcher:
         self._low, self._high = limits.min(axis=0) - MARGIN, limits.max(axis=0) + MARGIN
 
     def near(self, view: View, known: VisualMap, T_WC: Float) -> Match | None:
-        """Return the match around a predicted pose: a wide search for what was just seen, then a close one for all."""
+        """Return the match near a predicted pose: a wide search for recent points, then a narrow one for all."""
         recent = np.flatnonzero(known.points.age <= RECENT_FRAMES)
         among = self._visible(known, T_WC, recent if len(recent) >= MIN_RECENT else None)
         wide = self._search(view, known, T_WC, among, self._settings.search_px)
         start = self._consensus(view, known, wide, T_WC)
-        return None if start is None else self._closely(view, known, start)
+        return None if start is None else self._match_narrow(view, known, start)
 
     def anywhere(self, view: View, known: VisualMap) -> Match | None:
-        """Return the match of a picture whose pose is not known, by its descriptors alone."""
+        """Return the match of an image with unknown pose, by its descriptors alone."""
         start = self._consensus(view, known, self._all_pairs(view, known), None)
-        return None if start is None else self._closely(view, known, start)
+        return None if start is None else self._match_narrow(view, known, start)
 
-    def seen_before(self, view: View, known: VisualMap, T_WC: Float) -> Matches:
-        """Return the agreeing pairs with points that were out of sight for some time, even if the map drifted since."""
+    def seen_before(self, view: View, known: VisualMap, T_WC: Float) -> IndexPairs:
+        """Return the inlier pairs with points not matched for some time, from which the map may have drifted."""
         old = self._visible(known, T_WC, np.flatnonzero(known.points.age > OLD_FRAMES))
         pairs = self._search(view, known, T_WC, old, self._settings.search_px)
         start = self._consensus(view, known, pairs, T_WC)
-        match = None if start is None else self._closely(view, known, start, old)
+        match = None if start is None else self._match_narrow(view, known, start, old)
         if match is None or match.agreeing < self._settings.relocalise_inliers:
             return NOTHING
-        return Matches(match.point[match.fit.inliers], match.feature[match.fit.inliers])
+        return IndexPairs(match.point[match.fit.inliers], match.feature[match.fit.inliers])
 
-    def _closely(
+    def _match_narrow(
         self, view: View, known: VisualMap, T_WC: Float, among: NDArray[np.int64] | None = None
     ) -> Match | None:
+        """Return the match by a narrow search around a pose that is about right; None without a pose from it."""
         visible = self._visible(known, T_WC, among)
         pairs = self._search(view, known, T_WC, visible, self._settings.refine_px)
-        fit = refine_pose(T_WC, _sightings(view, known, pairs))
+        fit = refine_pose(T_WC, _observations(view, known, pairs))
         if fit is None:
             return None
         px, ids = view.features.px[pairs.feature], known.points.ids[pairs.point]
         return Match(pairs.point, pairs.feature, px, ids, visible, fit)
 
-    def _consensus(self, view: View, known: VisualMap, pairs: Matches, T_WC: Float | None) -> Float | None:
-        """Return the pose that most pairs agree with: from the prediction where that serves, else by RANSAC."""
-        seen = _sightings(view, known, pairs)
+    def _consensus(self, view: View, known: VisualMap, pairs: IndexPairs, T_WC: Float | None) -> Float | None:
+        """Return the pose with the most inliers: refined from the prediction if that has enough, else by RANSAC."""
+        seen = _observations(view, known, pairs)
         if T_WC is not None:
             fit = refine_pose(T_WC, seen)
             if fit is not None and np.count_nonzero(fit.inliers) >= max(MIN_RECENT, len(pairs) // 2):
                 return fit.T_WC
         start = ransac_pose(seen, self._camera.focal_px, RANSAC_THRESHOLD_PX, self._seed)
         fit = None if start is None else refine_pose(start, seen)
-        # A close search around any pose finds pairs that agree with it: the pose must have its own before.
+        # A narrow search around any pose finds pairs that agree with it, so the pose needs enough inliers before that.
         least = max(self._settings.min_inliers, CONSENSUS_SHARE * len(pairs))
         return None if fit is None or np.count_nonzero(fit.inliers) < least else fit.T_WC
 
     def _visible(self, known: VisualMap, T_WC: Float, among: NDArray[np.int64] | None) -> NDArray[np.int64]:
-        """Return which points, of those in ``among`` or all, the pose puts into the picture."""
+        """Return which points, of those in ``among`` or of all, project into the image."""
         points_W = known.points.points_W if among is None else known.points.points_W[among]
         q = (points_W - T_WC[:3, 3]) @ T_WC[:3, :3]
         xy = q[:, :2] / np.maximum(q[:, 2:], MIN_Z_M)
@@ -97,8 +103,8 @@ class Matcher:
 
     def _search(
         self, view: View, known: VisualMap, T_WC: Float, points: NDArray[np.int64], radius_px: float
-    ) -> Matches:
-        """Match each of the points with the features around the place where the pose puts it."""
+    ) -> IndexPairs:
+        """Match each point with the features within ``radius_px`` of its projection."""
         if not len(points) or not len(view):
             return NOTHING
         q = (known.points.points_W[points] - T_WC[:3, 3]) @ T_WC[:3, :3]
@@ -107,21 +113,21 @@ class Matcher:
             cKDTree(view.xyz[:, :2]), radius_px / REFERENCE_FOCAL_PX, output_type="ndarray"
         )
         rows, columns = points[near["i"]], near["j"]
-        looks, seen = known.points.descriptors[rows], view.features.descriptors[columns]
-        bits = hamming(looks, seen[:, None]).min(axis=-1)
+        of_points, of_features = known.points.descriptors[rows], view.features.descriptors[columns]
+        bits = hamming(of_points, of_features[:, None]).min(axis=-1)
         return best_pairs(rows, columns, bits, self._settings.max_hamming, self._settings.match_ratio)
 
-    def _all_pairs(self, view: View, known: VisualMap) -> Matches:
-        """Match every feature with every map point by its first look."""
+    def _all_pairs(self, view: View, known: VisualMap) -> IndexPairs:
+        """Match every feature with every map point by the descriptor of its first observation."""
         if not len(view) or known.points.count < 2:
             return NOTHING
-        looks = np.ascontiguousarray(known.points.descriptors[:, 0]).view(np.uint8)
-        pairs = cv2.BFMatcher(cv2.NORM_HAMMING).knnMatch(view.features.descriptors.view(np.uint8), looks, k=2)
+        of_points = np.ascontiguousarray(known.points.descriptors[:, 0]).view(np.uint8)
+        pairs = cv2.BFMatcher(cv2.NORM_HAMMING).knnMatch(view.features.descriptors.view(np.uint8), of_points, k=2)
         limit, ratio = self._settings.max_hamming, self._settings.match_ratio
         clear = [a for a, b in pairs if a.distance <= limit and a.distance <= ratio * b.distance]
         point, feature = np.array([[m.trainIdx, m.queryIdx] for m in clear], dtype=np.int64).reshape(-1, 2).T
-        return Matches(point, feature)
+        return IndexPairs(point, feature)
 
 
-def _sightings(view: View, known: VisualMap, pairs: Matches) -> Sightings:
-    return Sightings(known.points.points_W[pairs.point], view.xyz[pairs.feature], view.weights[pairs.feature])
+def _observations(view: View, known: VisualMap, pairs: IndexPairs) -> PointObservations:
+    return PointObservations(known.points.points_W[pairs.point], view.xyz[pairs.feature], view.weights[pairs.feature])

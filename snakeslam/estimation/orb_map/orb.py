@@ -1,4 +1,4 @@
-"""ORB features spread evenly over the picture, and their matching by Hamming distance."""
+"""ORB features, spread evenly over the image, and their matching by Hamming distance."""
 
 from dataclasses import dataclass
 
@@ -10,15 +10,21 @@ from snakeslam.estimation.orb_map.settings import OrbMapSettings
 from snakeslam.messages import Float
 
 DETECTED_PER_KEPT = 3
+"""Corners that are detected for each one that is kept, so that the choice can be spread over the image."""
+MIN_CELL_PX, KEPT_PER_CELL = 8.0, 4.0
+"""Least side of a cell of the grid, and how many corners are kept in each on average."""
 WORDS = 4
+"""A descriptor of 256 bits is held as so many words of 64 bits."""
 NO_MATCH = 257
+"""A distance above every possible one."""
 DISTANCE_SHIFT, ROW_SHIFT = 20, 30
+"""Bit positions of distance and row in a packed key: 20 bits of column, 10 of distance, 34 of row."""
 Descriptors = NDArray[np.uint64]
 
 
 @dataclass(frozen=True, slots=True)
 class OrbFeatures:
-    """One picture's features: ``px`` (N, 2) as seen, ``scale`` (N,) of their level, ``descriptors`` (N, 4) words."""
+    """Features of one image: ``px`` (N, 2) distorted, ``scale`` (N,) of their level, ``descriptors`` (N, 4) words."""
 
     px: NDArray[np.float32]
     scale: Float
@@ -28,7 +34,7 @@ class OrbFeatures:
         return len(self.px)
 
     def pick(self, chosen: NDArray[np.bool_]) -> "OrbFeatures":
-        """Return some of them, ``chosen`` (N,)."""
+        """Return the ``chosen`` features (N,)."""
         return OrbFeatures(self.px[chosen], self.scale[chosen], self.descriptors[chosen])
 
 
@@ -46,7 +52,7 @@ class OrbExtractor:
         )
 
     def extract(self, gray: NDArray[np.uint8]) -> OrbFeatures:
-        """Return at most about ``features`` features of a picture (H, W)."""
+        """Return at most about ``features`` features of an image (H, W)."""
         found = self._orb.detect(gray)
         if not found:
             return OrbFeatures(np.empty((0, 2), np.float32), np.empty(0), np.empty((0, WORDS), np.uint64))
@@ -64,8 +70,8 @@ class OrbExtractor:
 
 
 def spread(px: NDArray[np.float32], response: Float, shape: tuple[int, ...], count: int) -> NDArray[np.int64]:
-    """Return the indices of about ``count`` corners, cell by cell: first each one's best, then its second, ..."""
-    cell_px = max(8.0, float(np.sqrt(4.0 * shape[0] * shape[1] / count)))
+    """Return the indices of ``count`` corners: the best of each cell, then the second best of each, and so on."""
+    cell_px = max(MIN_CELL_PX, float(np.sqrt(KEPT_PER_CELL * shape[0] * shape[1] / count)))
     columns = int(shape[1] / cell_px) + 1
     cell = (px[:, 1] / cell_px).astype(np.int64) * columns + (px[:, 0] / cell_px).astype(np.int64)
     order = np.lexsort((-response, cell))
@@ -77,15 +83,15 @@ def spread(px: NDArray[np.float32], response: Float, shape: tuple[int, ...], cou
 
 
 def hamming(a: Descriptors, b: Descriptors) -> NDArray[np.uint16]:
-    """Return the differing bits of descriptors (..., 4) and (..., 4), broadcast."""
+    """Return the number of differing bits of descriptors (..., 4) and (..., 4), broadcast."""
     words = np.bitwise_count(a ^ b).astype(np.uint16)
-    # Much faster than a sum over a short axis.
+    # numpy's sum over a short axis is much slower.
     return np.asarray(words[..., 0] + words[..., 1] + words[..., 2] + words[..., 3])
 
 
 @dataclass(frozen=True, slots=True)
-class Matches:
-    """Pairs: ``point`` (M,) indexes the first set, ``feature`` (M,) the second; each occurs once."""
+class IndexPairs:
+    """M pairs of indices: ``point`` (M,) of the map, ``feature`` (M,) of the image; each occurs once."""
 
     point: NDArray[np.int64]
     feature: NDArray[np.int64]
@@ -96,24 +102,28 @@ class Matches:
 
 def best_pairs(
     rows: NDArray[np.int64], columns: NDArray[np.int64], distance: NDArray[np.uint16], max_distance: int, ratio: float
-) -> Matches:
-    """Return the candidate pairs that are each other's best, near enough and clearly better than the row's second."""
+) -> IndexPairs:
+    """Return the candidates that are mutually best, within ``max_distance`` and below ``ratio`` times the second best.
+
+    Candidate k pairs ``rows[k]`` with ``columns[k]`` at the Hamming distance ``distance[k]``; all are (K,).
+    """
     if not len(rows):
-        return Matches(np.empty(0, np.int64), np.empty(0, np.int64))
-    # One sort of packed keys is several times faster than sorting by several keys.
+        return IndexPairs(np.empty(0, np.int64), np.empty(0, np.int64))
+    # Sort by (row, distance, column); one sort of packed keys is several times faster than one by three keys.
     key = np.sort((rows << ROW_SHIFT) | (distance.astype(np.int64) << DISTANCE_SHIFT) | columns)
     rows, distances, columns = _unpack(key)
     first = np.flatnonzero(np.r_[True, rows[1:] > rows[:-1]])
     has_second = np.r_[first[1:], len(rows)] > first + 1
-    runner_up = np.where(has_second, distances[np.minimum(first + 1, len(rows) - 1)], NO_MATCH)
+    second = np.where(has_second, distances[np.minimum(first + 1, len(rows) - 1)], NO_MATCH)
     best = distances[first]
-    chosen = first[(best <= max_distance) & (best <= ratio * runner_up)]
+    chosen = first[(best <= max_distance) & (best <= ratio * second)]
     if not len(chosen):
-        return Matches(np.empty(0, np.int64), np.empty(0, np.int64))
+        return IndexPairs(np.empty(0, np.int64), np.empty(0, np.int64))
+    # Of several rows with the same best column, keep the nearest.
     by_column = np.sort((columns[chosen] << ROW_SHIFT) | (distances[chosen] << DISTANCE_SHIFT) | np.arange(len(chosen)))
     column, _, k = _unpack(by_column)
     kept = chosen[np.sort(k[np.r_[True, column[1:] > column[:-1]]])]
-    return Matches(rows[kept], columns[kept])
+    return IndexPairs(rows[kept], columns[kept])
 
 
 def _unpack(key: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:

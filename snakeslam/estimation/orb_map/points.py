@@ -1,4 +1,4 @@
-"""The map of the visual mode: points in W with the descriptors they were seen with."""
+"""The points of the ORB map: positions in W with their descriptors."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -7,30 +7,31 @@ from snakeslam.estimation.orb_map.orb import Descriptors
 from snakeslam.messages import Float
 
 SLOTS = 3
-"""Descriptors kept of a point: from its first sighting, and from later ones that looked otherwise."""
-FIRST_ROOM = 4096
+"""Descriptors of a point: that of its first observation, and those of the last two keyframes that observed it."""
+FIRST_CAPACITY = 4096
 JUDGED_AFTER = 8
-"""Frames that should show a point before it is judged by how many did."""
+"""A point is removed for being matched seldom only after so many frames that should show it."""
 MIN_FOUND = 0.2
+"""Least share of these frames in which it must be matched."""
 PROVEN = 6
-"""A point found this often stays: a blurred stretch shows few points, and says nothing against them."""
+"""A point matched so often stays: blurred images match few points, which says nothing against them."""
 ARRAYS = ("_points_W", "_information", "_descriptors", "_filled", "_ids", "_expected", "_found", "_last", "_keyframe")
 
 
 class PointMap:
-    """Points that grow in number and in precision; all arrays are indexed alike, newest last."""
+    """Arrays of points, all indexed alike, newest last; their capacity grows as needed."""
 
     def __init__(self) -> None:
         self.count = 0
-        self._points_W = np.empty((FIRST_ROOM, 3))
-        self._information = np.empty((FIRST_ROOM, 3, 3))
-        self._descriptors = np.empty((FIRST_ROOM, SLOTS, 4), np.uint64)
-        self._filled = np.empty(FIRST_ROOM, np.int64)
-        self._ids = np.empty(FIRST_ROOM, np.int64)
-        self._expected = np.empty(FIRST_ROOM, np.int64)
-        self._found = np.empty(FIRST_ROOM, np.int64)
-        self._last = np.empty(FIRST_ROOM, np.int64)
-        self._keyframe = np.empty(FIRST_ROOM, np.int64)
+        self._points_W = np.empty((FIRST_CAPACITY, 3))
+        self._information = np.empty((FIRST_CAPACITY, 3, 3))
+        self._descriptors = np.empty((FIRST_CAPACITY, SLOTS, 4), np.uint64)
+        self._filled = np.empty(FIRST_CAPACITY, np.int64)
+        self._ids = np.empty(FIRST_CAPACITY, np.int64)
+        self._expected = np.empty(FIRST_CAPACITY, np.int64)
+        self._found = np.empty(FIRST_CAPACITY, np.int64)
+        self._last = np.empty(FIRST_CAPACITY, np.int64)
+        self._keyframe = np.empty(FIRST_CAPACITY, np.int64)
         self._next_id = 0
         self._frame = 0
 
@@ -51,17 +52,17 @@ class PointMap:
 
     @property
     def ids(self) -> NDArray[np.int64]:
-        """Identities (M,), never used twice."""
+        """Identifiers (M,), never used twice."""
         return self._ids[: self.count]
 
     @property
     def keyframe(self) -> NDArray[np.int64]:
-        """Keyframe that made each point (M,)."""
+        """Index of the keyframe that created each point, (M,)."""
         return self._keyframe[: self.count]
 
     @property
     def age(self) -> NDArray[np.int64]:
-        """Frames since each point was last found (M,)."""
+        """Number of frames since each point was last matched, (M,)."""
         return self._frame - self._last[: self.count]
 
     def add(self, points_W: Float, information: Float, descriptors: Descriptors, keyframe: int) -> NDArray[np.int64]:
@@ -79,26 +80,26 @@ class PointMap:
         self.count += n
         return new
 
-    def place(self, index: NDArray[np.int64], points_W: Float, information: Float) -> None:
-        """Put points to new positions (n, 3) with their information (n, 3, 3)."""
+    def set_positions(self, index: NDArray[np.int64], points_W: Float, information: Float) -> None:
+        """Set the positions (n, 3) and information (n, 3, 3) of points."""
         self._points_W[index] = points_W
         self._information[index] = information
 
-    def remember(self, index: NDArray[np.int64], descriptors: Descriptors) -> None:
-        """Keep how points look now, each in its next slot; the first sighting is never overwritten."""
+    def add_descriptors(self, index: NDArray[np.int64], descriptors: Descriptors) -> None:
+        """Store new descriptors (n, 4), each in its next slot; that of the first observation is never overwritten."""
         slot = 1 + (self._filled[index] - 1) % (SLOTS - 1)
         self._descriptors[index, slot] = descriptors
         self._filled[index] += 1
 
     def count_frame(self, expected: NDArray[np.int64], found: NDArray[np.int64]) -> None:
-        """Note which points one frame should have shown and which it did."""
+        """Count one frame for the points that it should show and for those that it matched."""
         self._frame += 1
         self._expected[expected] += 1
         self._found[found] += 1
         self._last[found] = self._frame
 
     def shrink(self, max_points: int) -> None:
-        """Forget the points that are seldom found where they should be, then those found least, oldest first."""
+        """Remove points that are matched too seldom, then those matched least often (of these the oldest)."""
         found, expected = self._found[: self.count], self._expected[: self.count]
         kept = np.flatnonzero((expected < JUDGED_AFTER) | (found >= PROVEN) | (found >= MIN_FOUND * expected))
         if len(kept) > max_points:
@@ -106,7 +107,7 @@ class PointMap:
         self.keep(kept)
 
     def keep(self, chosen: NDArray[np.bool_] | NDArray[np.int64]) -> None:
-        """Forget all other points; indices (not ids) change."""
+        """Remove all other points; the indices change, the ids do not."""
         kept = np.arange(self.count)[chosen]
         for name in ARRAYS:
             array = getattr(self, name)

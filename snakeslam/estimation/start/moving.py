@@ -1,21 +1,35 @@
-"""Where the filter starts in motion: gyro bias, velocity and gravity from frames seen while moving."""
+"""The start in motion: the filter's state from frames that a moving head has observed, without a stationary time."""
 
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.optimize import brentq, minimize
 
 from snakeslam.calibration import ImuCalibration
-from snakeslam.estimation.filter.preintegration import ImuBuffer, ImuSegments, Preintegrated
-from snakeslam.estimation.filter.state import State
+from snakeslam.estimation.filter.preintegration import ImuBuffer, ImuSegments
+from snakeslam.estimation.filter.state import BIAS_A, BIAS_G, CORE, THETA, P, State, V
 from snakeslam.estimation.frontend.tracks import TrackTable
 from snakeslam.estimation.measurements.camera import CameraRows, Observations
-from snakeslam.estimation.start.refine import MAX_BIAS_G, MIN_TRACKS, Refinement, StartWindow, started
+from snakeslam.estimation.start import refine as unknowns
+from snakeslam.estimation.start.closed_form import gyro_bias, velocity_and_gravity
+from snakeslam.estimation.start.refine import MIN_TRACKS, SIZE, Refined, refine
+from snakeslam.estimation.start.still import upright
+from snakeslam.estimation.start.window import StartWindow
+from snakeslam.geometry import so3
 from snakeslam.messages import Float
 
-MIN_TRACK = 4
-MAX_BIAS_ITERATIONS = 40
-"""Ten are usual; a gyro that contradicts the image keeps the search going."""
+MIN_TRACK_FRAMES = 4
+"""Frames in which a feature must have been tracked to be used."""
+MAX_RESIDUAL = 3.0
+"""Largest RMS of the whitened residuals: the frames fit the motion within three sigmas."""
+MAX_SIGMA_V_M_S = 0.25
+MAX_SIGMA_TILT_RAD = np.deg2rad(3.0)
+"""With larger sigmas of velocity or tilt the motion was too small to determine them."""
+MAX_BIAS_G_RAD_S = 0.5
+MAX_BIAS_A_M_S2 = 1.0
+"""Larger biases are no biases: something else contradicts the images."""
+INFORMATION_SHARE = 10.0
+"""The start's sigmas are widened by this factor, its information divided by its square. The filter then uses the same
+frames once more, so that the start only provides the point of linearisation."""
 
 
 def start_moving(
@@ -27,121 +41,68 @@ def start_moving(
     gravity_m_s2: float,
     accel_sign: float = 1.0,
 ) -> State | None:
-    """Return the state at the first of ``times_ns`` from frames seen in motion, or None while they do not tell enough.
+    """Return the state at the first of ``times_ns`` from the tracks of these frames; None while it is undetermined.
 
-    The gyro's bias makes epipolar planes meet [Kneip13]; then velocity, gravity and points follow linearly from the
-    rays [Martinelli14]; then all is refined together with both biases on the reprojection errors. A result is taken
-    only when its residuals, its covariance and its biases are plausible. ``accel_sign`` -1 asks whether the frames fit
-    an accelerometer whose sign is reversed.
+    W is z up, its origin at the IMU, its yaw zero. With ``accel_sign`` -1 the accelerometer's sign is reversed, to find
+    out whether that explains the frames.
     """
-    window = _window(tracks, times_ns, imu, rows, noise, gravity_m_s2, accel_sign)
-    if window is None:
-        return None
-    try:
-        bias_g = _gyro_bias(window)
-        if float(np.linalg.norm(bias_g)) > MAX_BIAS_G:
-            return None
-        linear = _velocity_and_gravity(window, window.motions(bias_g, np.zeros(3)))
-        if linear is None:
-            return None
-        refined = Refinement(window, bias_g, *linear).solve()
-    except np.linalg.LinAlgError:
-        # Frames that leave a part of the unknowns undetermined give singular equations: no start from them.
-        return None
-    return None if refined is None else started(refined, times_ns[0], gravity_m_s2)
-
-
-def _window(
-    tracks: TrackTable,
-    times_ns: Sequence[int],
-    imu: ImuBuffer,
-    rows: CameraRows,
-    noise: ImuCalibration,
-    gravity_m_s2: float,
-    accel_sign: float,
-) -> StartWindow | None:
+    # 1. The IMU's spans from the first frame to each later one, and the features tracked for long enough.
     spans = [imu.segments(times_ns[0], t_ns) for t_ns in times_ns[1:]]
-    long = tracks.lengths >= MIN_TRACK
+    long = tracks.lengths >= MIN_TRACK_FRAMES
     if long.sum() < MIN_TRACKS or any(span is None for span in spans):
         return None
     t_s = (np.array(times_ns) - times_ns[0]) / 1e9
     kept = [ImuSegments(span.gyro_I, accel_sign * span.accel_I, span.dt_s) for span in spans if span is not None]
     observed = Observations.weighed(tracks.xyz[long], tracks.seen[long], rows, tracks.smear)
-    return StartWindow(t_s, kept, observed, rows, noise, gravity_m_s2)
+    window = StartWindow(t_s, kept, observed, rows, noise, gravity_m_s2)
+    try:
+        # 2. The gyro's bias from epipolar planes, min sum lambda_min(sum n n^T) [Kneip13].
+        bias_g = gyro_bias(window)
+        if float(np.linalg.norm(bias_g)) > MAX_BIAS_G_RAD_S:
+            return None
 
+        # 3. Velocity and gravity, linear in all rays, (I - d d^T)(P - v t - g t^2 / 2 - alpha) = 0 [Martinelli14].
+        linear = velocity_and_gravity(window, window.motions(bias_g, np.zeros(3)))
+        if linear is None:
+            return None
 
-def _gyro_bias(window: StartWindow) -> Float:
-    """Return the gyro bias for which the epipolar planes of frame pairs share a direction of travel best."""
-    n = len(window.t_s)
-    stride = max(1, n // 4)
-    pairs = [(k, min(k + stride, n - 1)) for k in range(0, n - stride, max(1, stride // 2))]
-    rays = np.concatenate([window.observed.xyz[..., :2], np.ones((*window.observed.seen.shape, 1))], axis=-1)
-    rays = rays / np.linalg.norm(rays, axis=-1, keepdims=True) @ window.rows.R_IC.T
-    both = [window.observed.seen[:, a] & window.observed.seen[:, b] for a, b in pairs]
-    pre = window.motions(np.zeros(3), np.zeros(3))
-
-    def turn(k: int, bias: Float) -> Float:
-        return np.eye(3) if k == 0 else pre[k - 1].corrected(bias, np.zeros(3))[2]
-
-    def cost(bias: Float) -> float:
-        total = float(bias @ bias) * 1e-6
-        for (a, b), seen in zip(pairs, both, strict=True):
-            normals = np.cross(rays[seen, a] @ turn(a, bias).T, rays[seen, b] @ turn(b, bias).T)
-            total += float(np.linalg.eigvalsh(normals.T @ normals)[0])
-        return total
-
-    return np.asarray(
-        minimize(cost, np.zeros(3), method="BFGS", options={"gtol": 1e-9, "maxiter": MAX_BIAS_ITERATIONS}).x
-    )
-
-
-def _velocity_and_gravity(window: StartWindow, pre: list[Preintegrated]) -> tuple[Float, Float] | None:
-    """Return v and g at the first frame, in its IMU frame, from the linear equations of all rays, with |g| known.
-
-    A ray d of frame j with turn R_j sees its point P: [R_j d]x (P - v t_j - g t_j^2 / 2 - alpha_j - R_j p_IC) = 0; a
-    measured depth gives the third row. Points are eliminated; the norm of g enters by a Lagrange multiplier.
-    """
-    R_j = np.stack([np.eye(3), *(p.gamma for p in pre)])
-    alpha = np.stack([np.zeros(3), *(p.alpha for p in pre)])
-    rays = np.concatenate([window.observed.xyz[..., :2], np.ones((*window.observed.seen.shape, 1))], axis=-1)
-    length = np.linalg.norm(rays, axis=-1, keepdims=True)
-    d = np.einsum("nij,mnj->mni", R_j @ window.rows.R_IC, rays / length)
-    origin = alpha + R_j @ window.rows.p_IC
-    z = window.observed.xyz[..., 2]
-    along = (window.rows.usable_depth(z) & window.observed.seen) * 0.3
-    W = (np.eye(3) - d[..., :, None] * d[..., None, :]) * window.observed.seen[..., None, None]
-    W = W + along[..., None, None] * d[..., :, None] * d[..., None, :]
-    lifted = origin[None] + d * (z * length[..., 0] * (along > 0))[..., None]
-    # P - B x = lifted, weighted by W, with x = (v, g).
-    t = window.t_s
-    B = np.concatenate([t[:, None, None] * np.eye(3), 0.5 * t[:, None, None] ** 2 * np.eye(3)], axis=-1)
-    A_pp = W.sum(axis=1) + 1e-9 * np.eye(3)
-    A_px = -np.einsum("mnij,njk->mik", W, B)
-    A_xx = np.einsum("nki,mnkl,nlj->ij", B, W, B, optimize=True)
-    b_p = np.einsum("mnij,mnj->mi", W, lifted)
-    b_x = -np.einsum("nki,mnkl,mnl->i", B, W, lifted, optimize=True)
-    reduce = np.swapaxes(A_px, 1, 2) @ np.linalg.inv(A_pp)
-    A = A_xx - np.einsum("mik,mkj->ij", reduce, A_px)
-    b = b_x - np.einsum("mik,mk->i", reduce, b_p)
-    if np.linalg.cond(A[:3, :3]) > 1e12:
+        # 4. Refinement of (v, tilt of g, b_g, b_a) and all points: Gauss-Newton on the reprojection errors.
+        refined = refine(window, bias_g, *linear)
+        if refined is None or not _plausible(refined):
+            return None
+        cov_x = refined.cov(INFORMATION_SHARE**2)
+    except np.linalg.LinAlgError:
+        # Frames that leave a part of the unknowns undetermined give singular equations: no start from them.
         return None
-    to_g = A[3:, :3] @ np.linalg.inv(A[:3, :3])
-    g = _on_sphere(A[3:, 3:] - to_g @ A[:3, 3:], b[3:] - to_g @ b[:3], window.gravity_m_s2)
-    return np.linalg.solve(A[:3, :3], b[:3] - A[:3, 3:] @ g), g
+
+    # 5. The state: W is level where g points down, v_W = R_WI v.
+    R_WI = upright(-refined.g)
+    v_W = R_WI @ refined.v
+    state = State(times_ns[0], R_WI, np.zeros(3), v_W, refined.bias_g, refined.bias_a, np.zeros((CORE, CORE)))
+
+    # 6. Its covariance M cov(x) M^T. g_true = Exp(d) g, R_true = R_WI Exp(theta): theta = -d for d orthogonal to g, and
+    #    dv_W = R_WI (dv + [v]x d). Yaw and position define W; they get small variances.
+    M = np.zeros((CORE, SIZE))
+    orthogonal = np.eye(3) - np.outer(refined.g, refined.g) / gravity_m_s2**2
+    M[THETA, unknowns.TILT] = -orthogonal
+    M[V, unknowns.V] = R_WI
+    M[V, unknowns.TILT] = R_WI @ so3.hat(refined.v) @ orthogonal
+    M[BIAS_G, unknowns.BIAS_G] = M[BIAS_A, unknowns.BIAS_A] = np.eye(3)
+    cov = M @ cov_x @ M.T
+    cov[THETA, THETA] += np.eye(3) * 1e-8
+    cov[P, P] += np.eye(3) * 1e-10
+    state.cov = 0.5 * (cov + cov.T)
+    return state
 
 
-def _on_sphere(A: Float, b: Float, radius: float) -> Float:
-    """Return argmin x^T A x / 2 - b^T x with |x| = radius (A symmetric): (A + m I) x = b with the largest fitting m."""
-    values, vectors = np.linalg.eigh(0.5 * (A + A.T))
-    c = vectors.T @ b
-
-    def excess(m: float) -> float:
-        return float(np.linalg.norm(c / (values + m))) - radius
-
-    low = -values[0] + max(1e-12, 1e-9 * abs(float(values[-1])))
-    high = float(np.linalg.norm(b)) / radius + abs(float(values[0])) + float(abs(values[-1])) + 1.0
-    if excess(low) <= 0.0:
-        x = c / (values + low)
-        x[0] += np.copysign(np.sqrt(max(radius**2 - float(x @ x) + x[0] ** 2, 0.0)) - abs(x[0]), x[0] or 1.0)
-        return vectors @ x
-    return vectors @ (c / (values + float(brentq(excess, low, high))))
+def _plausible(refined: Refined) -> bool:
+    """Return whether residuals, sigmas and biases are those of a start that can be trusted."""
+    sigma: Float = np.sqrt(np.maximum(np.diag(refined.cov()), 0.0))
+    return (
+        refined.count >= MIN_TRACKS
+        and refined.rms < MAX_RESIDUAL
+        and bool(np.all(sigma[unknowns.V] < MAX_SIGMA_V_M_S))
+        and bool(np.all(sigma[unknowns.TILT] < MAX_SIGMA_TILT_RAD))
+        and float(np.linalg.norm(refined.bias_g)) < MAX_BIAS_G_RAD_S
+        and float(np.linalg.norm(refined.bias_a)) < MAX_BIAS_A_M_S2
+    )

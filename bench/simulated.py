@@ -10,10 +10,10 @@ from typing import Protocol
 import numpy as np
 
 from snakeslam.calibration import CameraCalibration, ImuCalibration, SensorRig
-from snakeslam.estimation.frontend.tracking import FrontendFrame
+from snakeslam.estimation.frontend.tracking import TrackedFeatures
 from snakeslam.estimation.measurements.settings import NoiseSettings
 from snakeslam.estimation.settings import EstimatorSettings
-from snakeslam.estimation.start.still import SIGMA_BIAS_A
+from snakeslam.estimation.start.stationary import SIGMA_BIAS_A
 from snakeslam.estimation.vio.odometry import VisualInertialOdometry
 from snakeslam.geometry import se3, so3
 from snakeslam.messages import CameraFrame, Float, ImuSample, Packet
@@ -146,7 +146,7 @@ class SimulatedFrontend:
         self._ids = np.empty(0, np.int64)
         self._next = 0
 
-    def process(self, frame: CameraFrame, T_C1C0: Float, doubted: bool = False) -> FrontendFrame:
+    def process(self, frame: CameraFrame, T_C1C0: Float, doubted: bool = False) -> TrackedFeatures:
         """Return noisy observations of what is in view."""
         del T_C1C0, doubted
         t_s = (frame.t_ns - self._late_ns) / 1e9
@@ -163,7 +163,7 @@ class SimulatedFrontend:
         depth = z + self._rng.normal(0, 1, n) * (noise.depth_offset_m + noise.depth_square_per_m * z**2)
         nothing = np.empty((0, 2), np.float32), np.empty(0, np.int64)
         px = (xy * FOCAL_PX + np.array([WIDTH_PX, HEIGHT_PX]) / 2).astype(np.float32)
-        return FrontendFrame(px, self._ids, xy, depth if self._head.depth else np.zeros(n), *nothing, 0.5, False, n)
+        return TrackedFeatures(px, self._ids, xy, depth if self._head.depth else np.zeros(n), *nothing, 0.5, False, n)
 
     def _seen_at(self, t_s: Float) -> tuple[Float, Float]:
         """Return the points in the camera and their (x/z, y/z), each at its own time or all at one."""

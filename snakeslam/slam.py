@@ -3,7 +3,7 @@
 from snakeslam.calibration import SensorRig
 from snakeslam.errors import InputError
 from snakeslam.estimation.base import Estimator, FrameEstimate
-from snakeslam.estimation.gait.aid import GaitAid
+from snakeslam.estimation.gait.sensor import GaitSensor
 from snakeslam.estimation.planar.dead_reckoning import GaitDeadReckoning
 from snakeslam.estimation.planar.odometry import PlanarOdometry
 from snakeslam.estimation.settings import EstimatorSettings
@@ -38,7 +38,7 @@ def build_estimator(
         return GaitDeadReckoning(settings.planar, model)
     if model is None:
         raise InputError("estimator.mode", "'fused' needs a robot's joints, and here are none", "visual, vio")
-    return VisualInertialOdometry(settings, rig, seed, gait=GaitAid(model, settings.gait))
+    return VisualInertialOdometry(settings, rig, seed, gait=GaitSensor(model, settings.gait))
 
 
 class Slam:

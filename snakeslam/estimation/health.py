@@ -19,20 +19,20 @@ class Evidence:
     """The evidence of one frame: features tracked and rejected, agreement of the measurements, faults of the inputs.
 
     ``cov_v`` (3, 3) is the covariance of the velocity, ``blind_s`` the time since a frame last supported the state,
-    ``frozen`` an image that repeats the one before, ``resting`` a head that image and IMU both find stationary,
-    ``gait_holds`` a displacement by the gait that passed its gate; ``gait_faults`` are its faults in words.
+    ``frozen`` an image that repeats the one before, ``stationary`` a head that image and IMU both find stationary,
+    ``gait_supports`` a displacement by the gait that passed its gate; ``gait_faults`` are its faults in words.
     """
 
-    followed: int
+    tracked: int
     rejected: int
     agreement: Agreement
     cov_v: Float
     blind_s: float
     frozen: bool
-    resting: bool
+    stationary: bool
     imu_gap_s: float
     bad_samples: int
-    gait_holds: bool = False
+    gait_supports: bool = False
     gait_faults: tuple[str, ...] = ()
     imu_doubts: tuple[str, ...] = ()
     """Faults of the IMU's samples since the frame before, in words."""
@@ -47,8 +47,8 @@ def supports(evidence: Evidence, settings: HealthSettings) -> bool:
         return False
     agreement = evidence.agreement
     contradicts = agreement.tried >= ENOUGH_TRIED and agreement.accepted < settings.min_features
-    camera = evidence.followed >= settings.min_features and not evidence.frozen and not contradicts
-    return camera or evidence.resting
+    camera = evidence.tracked >= settings.min_features and not evidence.frozen and not contradicts
+    return camera or evidence.stationary
 
 
 def judge(evidence: Evidence, settings: HealthSettings) -> Health:
@@ -57,27 +57,27 @@ def judge(evidence: Evidence, settings: HealthSettings) -> Health:
     LOST after too long a time without the camera, or with too large a sigma of the velocity; BLIND while no frame
     supports the state; DEGRADED with few features, many rejections, large innovations or faults of the input.
     """
-    reasons, followed = _reasons(evidence, settings), evidence.followed
+    reasons, tracked = _reasons(evidence, settings), evidence.tracked
     agreement = evidence.agreement
     innovation = agreement.ratio if agreement.tried >= ENOUGH_TRIED else None
     finite = bool(np.all(np.isfinite(evidence.cov_v)))
     sigma_v_m_s = float(np.sqrt(max(np.linalg.eigvalsh(evidence.cov_v)[-1], 0.0))) if finite else np.inf
     if evidence.blind_s > settings.max_blind_s:
-        return Health(Verdict.LOST, (*reasons, f"nothing seen for {evidence.blind_s:.1f} s"), followed, innovation)
+        return Health(Verdict.LOST, (*reasons, f"nothing seen for {evidence.blind_s:.1f} s"), tracked, innovation)
     if sigma_v_m_s > settings.max_sigma_v_m_s:
-        return Health(Verdict.LOST, (*reasons, f"velocity uncertain to {sigma_v_m_s:.2f} m/s"), followed, innovation)
+        return Health(Verdict.LOST, (*reasons, f"velocity uncertain to {sigma_v_m_s:.2f} m/s"), tracked, innovation)
     if not supports(evidence, settings):
-        return Health(Verdict.BLIND, reasons, followed, innovation)
-    return Health(Verdict.DEGRADED if reasons else Verdict.GOOD, reasons, followed, innovation)
+        return Health(Verdict.BLIND, reasons, tracked, innovation)
+    return Health(Verdict.DEGRADED if reasons else Verdict.GOOD, reasons, tracked, innovation)
 
 
 def _reasons(evidence: Evidence, settings: HealthSettings) -> tuple[str, ...]:
     agreement = evidence.agreement
     possible = (
         (evidence.frozen, "the image does not change"),
-        (evidence.followed < settings.few_features, f"few features: {evidence.followed}"),
+        (evidence.tracked < settings.few_features, f"few features: {evidence.tracked}"),
         (
-            evidence.rejected > max(settings.few_features, evidence.followed),
+            evidence.rejected > max(settings.few_features, evidence.tracked),
             f"features disagree: {evidence.rejected} rejected",
         ),
         (
@@ -91,7 +91,7 @@ def _reasons(evidence: Evidence, settings: HealthSettings) -> tuple[str, ...]:
         (evidence.imu_gap_s > settings.max_imu_gap_s, f"IMU silent for {evidence.imu_gap_s * 1e3:.0f} ms"),
         (evidence.bad_samples > 0, f"{evidence.bad_samples} IMU samples were late, not numbers or not possible"),
     )
-    dead_reckoning = evidence.gait_holds and not supports(evidence, settings)
+    dead_reckoning = evidence.gait_supports and not supports(evidence, settings)
     return (
         *(words for applies, words in possible if applies),
         *evidence.imu_doubts,

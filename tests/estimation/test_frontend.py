@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from snakeslam.estimation.frontend.settings import FrontendSettings
-from snakeslam.estimation.frontend.tracking import Frontend, FrontendFrame
+from snakeslam.estimation.frontend.tracking import Frontend, TrackedFeatures
 from snakeslam.estimation.imaging.camera import PinholeCamera
 from snakeslam.geometry import so3
 from snakeslam.messages import CameraFrame
@@ -30,7 +30,7 @@ def test_a_rolling_camera_does_not_make_features_creep() -> None:
     picture, frontend = texture(), Frontend(FrontendSettings(), CAMERA, 0)
     step = np.eye(4)
     step[:3, :3] = so3.exp(np.array([0.0, 0.0, ROLL_RAD]))
-    frames: list[FrontendFrame] = []
+    frames: list[TrackedFeatures] = []
     for k in range(21):
         gray = rolled(picture, so3.exp(np.array([0.0, 0.0, k * ROLL_RAD])))
         frames.append(frontend.process(CameraFrame(k, k, gray), step if k else np.eye(4)))
@@ -51,10 +51,10 @@ def test_faint_texture_is_not_followed() -> None:
     for k in range(4):
         gray = np.clip(picture + noise.normal(0, 1.0, picture.shape), 0, 255).astype(np.uint8)
         frame = frontend.process(CameraFrame(k, k, gray), np.eye(4))
-    followed, new = frame.px[: frame.followed, 0], frame.px[frame.followed :, 0]
-    assert np.sum(followed > half + 8) > 40
+    tracked, new = frame.px[: frame.tracked, 0], frame.px[frame.tracked :, 0]
+    assert np.sum(tracked > half + 8) > 40
     assert np.sum(new < half - 8) > 5, "there must be corners to be left alone"
-    assert np.sum(followed < half - 16) == 0
+    assert np.sum(tracked < half - 16) == 0
 
 
 def test_the_same_picture_is_frozen_and_a_noisy_one_is_not() -> None:
@@ -64,7 +64,7 @@ def test_the_same_picture_is_frozen_and_a_noisy_one_is_not() -> None:
     noisy = frontend.process(CameraFrame(2, 2, picture ^ 1), np.eye(4))
     assert (first.frozen, again.frozen, noisy.frozen) == (False, True, False)
     assert np.array_equal(again.ids, first.ids)
-    assert noisy.followed > 0.9 * len(first.ids)
+    assert noisy.tracked > 0.9 * len(first.ids)
 
 
 def test_a_turn_during_the_exposure_smears() -> None:
@@ -73,5 +73,5 @@ def test_a_turn_during_the_exposure_smears() -> None:
     step = np.eye(4)
     step[:3, :3] = so3.exp(np.array([0.0, np.deg2rad(2.0), 0.0]))
     frames = [CameraFrame(k * 50_000_000, k, texture(k), exposure_ns=4_000_000 * (k > 1)) for k in range(3)]
-    smears = [frontend.process(frame, step).smear for frame in frames]
+    smears = [frontend.process(frame, step).motion_blur_rad for frame in frames]
     assert np.rad2deg(smears) == pytest.approx([0.0, 0.4, 0.16])

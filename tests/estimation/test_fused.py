@@ -13,12 +13,12 @@ from snakeslam.errors import InputError
 from snakeslam.estimation.base import FrameEstimate
 from snakeslam.estimation.filter.preintegration import ImuSegments
 from snakeslam.estimation.filter.state import CORE, State
-from snakeslam.estimation.frontend.tracking import FrontendFrame
-from snakeslam.estimation.gait.aid import GaitAid
+from snakeslam.estimation.frontend.tracking import TrackedFeatures
 from snakeslam.estimation.gait.joint_history import JointHistory
 from snakeslam.estimation.gait.learning import SlipModel
+from snakeslam.estimation.gait.measurement import GaitDisplacement, GaitMeasurement
 from snakeslam.estimation.gait.odometry import FrictionOdometry, ModelledDisplacement
-from snakeslam.estimation.gait.rows import GaitRows, GaitWay
+from snakeslam.estimation.gait.sensor import GaitSensor
 from snakeslam.estimation.gait.settings import GaitSensorSettings
 from snakeslam.estimation.measurements.settings import NoiseSettings
 from snakeslam.estimation.settings import EstimatorSettings
@@ -67,9 +67,9 @@ def modelled(
     return ModelledDisplacement(0.05, dp_I, v_I, sigma_v**2 * np.eye(3), by_log_ratio, by_bias, axes_I, dq_rad_s)
 
 
-def displacement(dp_I: Float, v_I: Float, sigma_v: float = 0.1) -> GaitWay:
+def displacement(dp_I: Float, v_I: Float, sigma_v: float = 0.1) -> GaitDisplacement:
     given = modelled(dp_I, v_I, sigma_v, np.zeros(3))
-    return GaitWay(given, (sigma_v * 0.05) ** 2 * (np.eye(3) + 0.3 * np.ones((3, 3))))
+    return GaitDisplacement(given, (sigma_v * 0.05) ** 2 * (np.eye(3) + 0.3 * np.ones((3, 3))))
 
 
 @pytest.mark.parametrize("before", [0, 1, None])
@@ -77,7 +77,7 @@ def test_jacobian_of_the_rows(rng: np.random.Generator, before: int | None) -> N
     """R_k^T (p - p_k), and R^T v, against a numeric derivative at the first estimates."""
     given = displacement(rng.normal(size=3), rng.normal(size=3))
     moved, start = state(np.random.default_rng(1)), state(np.random.default_rng(1))
-    rows = GaitRows.of(given, before)
+    rows = GaitMeasurement.of(given, before)
 
     def residual(d: Float) -> Float:
         other = state(np.random.default_rng(1))
@@ -91,7 +91,7 @@ def test_rows_do_not_observe_position_and_yaw(rng: np.random.Generator) -> None:
     """A common shift, and a common rotation about z, change no row, at first estimates that differ from the state."""
     at = state(rng)
     at.p_WI, at.R_WI = at.p_WI + 0.01, at.R_WI @ so3.exp(np.full(3, 0.02))
-    H = GaitRows.of(displacement(np.zeros(3), np.zeros(3)), 0).jacobian(at)
+    H = GaitMeasurement.of(displacement(np.zeros(3), np.zeros(3)), 0).jacobian(at)
     up = np.array([0.0, 0.0, 1.0])
     shift, rotation = np.zeros((at.size, 3)), np.zeros(at.size)
     for k, (R, p) in enumerate([(at.R_fej, at.p_fej), *zip(at.clones.R_fej, at.clones.p_fej, strict=True)]):
@@ -106,9 +106,9 @@ def test_rows_do_not_observe_position_and_yaw(rng: np.random.Generator) -> None:
 def test_an_unexpected_displacement_is_inflated_then_left_out(rng: np.random.Generator) -> None:
     at = state(rng)
     at.cov *= 1e-6
-    expected = GaitRows.of(displacement(np.zeros(3), np.zeros(3)), 1).predicted(at)
+    expected = GaitMeasurement.of(displacement(np.zeros(3), np.zeros(3)), 1).predicted(at)
     for sigmas, factor in ((1.0, 1.0), (5.0, 2.0), (10.0, 4.0), (20.0, None)):
-        rows = GaitRows.of(displacement(expected, np.zeros(3)), 1)
+        rows = GaitMeasurement.of(displacement(expected, np.zeros(3)), 1)
         rows.measured = expected + np.linalg.solve(rows.W, np.array([sigmas, 0.0, 0.0]))
         gated = rows.gated(at, 4.0)
         assert (None if gated is None else round(rows.W[0, 0] / gated.W[0, 0], 6)) == factor, sigmas
@@ -237,7 +237,7 @@ def test_half_a_period_predicts_the_other_half_by_its_mirror_image(rng: np.rando
 @pytest.mark.parametrize(("moving", "verdict"), [(True, Verdict.BLIND), (False, Verdict.DEGRADED)])
 def test_a_head_on_moving_joints_is_not_stationary(moving: bool, verdict: Verdict) -> None:
     """Image and IMU of a stationary head, then an image that freezes: only with stationary joints it is held."""
-    odometry = VisualInertialOdometry(SETTINGS, wall.RIG, 0, gait=GaitAid(MODEL, GAIT))
+    odometry = VisualInertialOdometry(SETTINGS, wall.RIG, 0, gait=GaitSensor(MODEL, GAIT))
     shown: CameraFrame | None = None
     estimates: list[FrameEstimate | None] = []
     for packet in wall.Wall(still=True).packets(2.0):
@@ -317,9 +317,9 @@ class Covered(SimulatedFrontend):
     def __init__(self, head: Crawl, noise: NoiseSettings, between_s: tuple[float, float], freeze: bool = False) -> None:
         super().__init__(head, noise)
         self._between_s, self._freeze = between_s, freeze
-        self._shown: FrontendFrame | None = None
+        self._shown: TrackedFeatures | None = None
 
-    def process(self, frame: CameraFrame, T_C1C0: Float, doubted: bool = False) -> FrontendFrame:
+    def process(self, frame: CameraFrame, T_C1C0: Float, doubted: bool = False) -> TrackedFeatures:
         if not self._between_s[0] <= frame.t_ns / 1e9 < self._between_s[1]:
             self._shown = super().process(frame, T_C1C0, doubted)
             return self._shown
@@ -327,7 +327,7 @@ class Covered(SimulatedFrontend):
             return replace(self._shown, frozen=True)
         self._follow(np.zeros(len(self._points_W), bool))
         px, ids = np.empty((0, 2), np.float32), np.empty(0, np.int64)
-        return FrontendFrame(px, ids, np.empty((0, 2)), np.empty(0), px, ids, None, False, 0)
+        return TrackedFeatures(px, ids, np.empty((0, 2)), np.empty(0), px, ids, None, False, 0)
 
 
 def follow(
@@ -336,9 +336,9 @@ def follow(
     spoil: Callable[[Packet], Packet | None] = lambda packet: packet,
     between_s: tuple[float, float] = COVERED_S,
     freeze: bool = False,
-    aid: GaitAid | None = None,
+    aid: GaitSensor | None = None,
 ) -> list[FrameEstimate]:
-    aid = (aid or GaitAid(MODEL, GAIT)) if fused else None
+    aid = (aid or GaitSensor(MODEL, GAIT)) if fused else None
     frontend = Covered(crawled, SETTINGS.noise, between_s, freeze)
     odometry = VisualInertialOdometry(SETTINGS, crawled.rig, 0, frontend, aid)
     packets = (spoil(packet) for packet in crawled.packets)
@@ -408,7 +408,7 @@ def test_with_a_camera_it_does_no_harm(serpentine: Crawl) -> None:
 def test_the_friction_ratio_is_estimated(serpentine: Crawl) -> None:
     """Of a ground of ratio 3, from 1.2 and from 8; the wrong start does no harm."""
     for start in (1.2, 8.0):
-        aid = GaitAid(MODEL, GaitSensorSettings(friction_ratio=start))
+        aid = GaitSensor(MODEL, GaitSensorSettings(friction_ratio=start))
         estimates = follow(serpentine, True, between_s=(9, 9), aid=aid)
         assert aid.slip.ratio == pytest.approx(3.0, rel=0.35)
         assert max(float(np.linalg.norm(e)) for _, e, _ in errors(serpentine, estimates)) < 0.03

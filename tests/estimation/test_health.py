@@ -22,13 +22,13 @@ def test_all_well() -> None:
 @pytest.mark.parametrize(
     ("change", "verdict", "words"),
     [
-        ({"followed": 8}, Verdict.DEGRADED, "few features"),
-        ({"followed": 2}, Verdict.BLIND, "few features"),
+        ({"tracked": 8}, Verdict.DEGRADED, "few features"),
+        ({"tracked": 2}, Verdict.BLIND, "few features"),
         ({"agreement": Agreement(60, 55, 4.0)}, Verdict.DEGRADED, "4.0 times what is foreseen"),
         ({"agreement": Agreement(60, 20, 0.9)}, Verdict.DEGRADED, "40 of 60"),
         ({"agreement": Agreement(60, 0, 50.0)}, Verdict.BLIND, "60 of 60"),
         ({"frozen": True}, Verdict.BLIND, "does not change"),
-        ({"frozen": True, "resting": True}, Verdict.DEGRADED, "does not change"),
+        ({"frozen": True, "stationary": True}, Verdict.DEGRADED, "does not change"),
         ({"blind_s": 3.5}, Verdict.LOST, "nothing seen for 3.5 s"),
         ({"cov_v": np.eye(3)}, Verdict.LOST, "velocity uncertain"),
         ({"cov_v": np.full((3, 3), np.nan)}, Verdict.LOST, "velocity uncertain"),
@@ -43,9 +43,9 @@ def test_trouble_is_said(change: dict, verdict: Verdict, words: str) -> None:
 
 
 def test_what_is_at_rest_is_supported_in_the_dark() -> None:
-    dark = replace(FINE, followed=0, agreement=Agreement(0, 0, 0.0))
+    dark = replace(FINE, tracked=0, agreement=Agreement(0, 0, 0.0))
     assert not supports(dark, SETTINGS)
-    assert supports(replace(dark, resting=True), SETTINGS)
+    assert supports(replace(dark, stationary=True), SETTINGS)
 
 
 def test_innovations_of_exact_covariance_are_about_one(rng: np.random.Generator) -> None:

@@ -6,21 +6,21 @@ import pytest
 from snakeslam.estimation.filter.ieskf import update
 from snakeslam.estimation.filter.state import CLONE, CORE, LANDMARK, State
 from snakeslam.estimation.measurements.camera import (
-    CameraRows,
     Observations,
     Poses,
+    ReprojectionModel,
     jacobians,
     points_in_camera,
     predict,
     residuals,
 )
-from snakeslam.estimation.measurements.landmarks import Sightings
-from snakeslam.estimation.measurements.projected_tracks import Features, promote
+from snakeslam.estimation.measurements.landmarks import LandmarkObservations
+from snakeslam.estimation.measurements.projected_tracks import ProjectedTracks, promote
 from snakeslam.estimation.measurements.settings import NoiseSettings
 from snakeslam.geometry import numeric, so3
 
 R_IC = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
-ROWS = CameraRows(R_IC, np.array([0.05, 0.0, 0.0]), 1 / 400, NoiseSettings())
+ROWS = ReprojectionModel(R_IC, np.array([0.05, 0.0, 0.0]), 1 / 400, NoiseSettings())
 POINTS_W = np.array([[2.0, 0.5, 0.3], [3.0, -0.8, 0.2], [2.5, 0.1, -0.4], [1.5, -0.3, 0.1], [2.2, 0.7, -0.2]])
 
 
@@ -35,37 +35,37 @@ def state_with_landmarks(scale: float) -> State:
     return state
 
 
-def sightings_from(R_WI: np.ndarray, p_WI: np.ndarray) -> Sightings:
+def sightings_from(R_WI: np.ndarray, p_WI: np.ndarray) -> LandmarkObservations:
     """What is seen of the points from another pose than the state believes."""
     p_C = points_in_camera(POINTS_W, Poses(R_WI[None], p_WI[None]), ROWS)
-    observed = Observations.weighed(predict(p_C), np.ones((len(POINTS_W), 1), bool), ROWS)
-    return Sightings(np.arange(len(POINTS_W)), observed, ROWS)
+    observed = Observations.weighted(predict(p_C), np.ones((len(POINTS_W), 1), bool), ROWS)
+    return LandmarkObservations(np.arange(len(POINTS_W)), observed, ROWS)
 
 
-def whitened(state: State, sightings: Sightings) -> np.ndarray:
+def whitened(state: State, observations: LandmarkObservations) -> np.ndarray:
     """Return z - h of the whole state, all rows in one vector."""
     p_C = points_in_camera(state.landmarks.p_W, Poses.of(state), ROWS)
-    return ((sightings.observed.xyz - predict(p_C)) * ROWS.weights(sightings.observed.xyz)).ravel()
+    return ((observations.observed.xyz - predict(p_C)) * ROWS.weights(observations.observed.xyz)).ravel()
 
 
 def test_one_iteration_is_the_kalman_update() -> None:
     """Eq. (41): dx = P H^T (H P H^T + I)^-1 r and P <- (I - K H) P, with H by finite differences."""
-    sightings = sightings_from(so3.exp(np.array([0.001, -0.001, 0.002])), np.array([0.002, -0.001, 0.001]))
+    observations = sightings_from(so3.exp(np.array([0.001, -0.001, 0.002])), np.array([0.002, -0.001, 0.001]))
     state = state_with_landmarks(0.2)
-    r = whitened(state, sightings)
+    r = whitened(state, observations)
     assert np.abs(r.reshape(-1, 3)).max() < 1.5, "the robust weights must be one here"
 
     def rest(d: np.ndarray) -> np.ndarray:
         other = state_with_landmarks(0.2)
         other.plus(d)
-        return -whitened(other, sightings)
+        return -whitened(other, observations)
 
     H = numeric.jacobian(rest, state.size)
     P = state.cov.copy()
     K = P @ H.T @ np.linalg.inv(H @ P @ H.T + np.eye(len(r)))
     expected = state_with_landmarks(0.2)
     expected.plus(K @ r)
-    update(state, [sightings], 1)
+    update(state, [observations], 1)
     assert state.clones.p_WI[0] == pytest.approx(expected.clones.p_WI[0], abs=1e-8)
     assert state.R_WI == pytest.approx(expected.R_WI, abs=1e-8)
     assert state.v_W == pytest.approx(expected.v_W, abs=1e-8)
@@ -74,13 +74,13 @@ def test_one_iteration_is_the_kalman_update() -> None:
 
 def test_iterating_fits_better_than_one_step() -> None:
     """Eq. (41) with its iteration: from a poor start the rows are met better, and never worse."""
-    sightings = sightings_from(so3.exp(np.array([0.02, -0.05, 0.12])), np.array([0.15, -0.1, 0.05]))
+    observations = sightings_from(so3.exp(np.array([0.02, -0.05, 0.12])), np.array([0.15, -0.1, 0.05]))
     once, often = state_with_landmarks(10.0), state_with_landmarks(10.0)
-    before = np.sum(whitened(once, sightings) ** 2)
-    update(once, [sightings], 1)
-    rounds = update(often, [sightings], 8)
+    before = np.sum(whitened(once, observations) ** 2)
+    update(once, [observations], 1)
+    rounds = update(often, [observations], 8)
     assert rounds > 1
-    after_one, after_all = (np.sum(whitened(s, sightings) ** 2) for s in (once, often))
+    after_one, after_all = (np.sum(whitened(s, observations) ** 2) for s in (once, often))
     assert after_all < 0.2 * after_one < before
     assert after_all < 2.0
 
@@ -102,18 +102,18 @@ def test_nothing_seen_changes_nothing() -> None:
     assert np.array_equal(state.cov, cov)
 
 
-def window_seeing_points(rng: np.random.Generator) -> tuple[State, Features]:
+def window_seeing_points(rng: np.random.Generator) -> tuple[State, ProjectedTracks]:
     """Three poses a step apart, each uncertain, and noisy observations of the points from all of them."""
     state = State(0, np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.eye(CORE) * 1e-4)
     for k in range(3):
         state.t_ns, state.p_WI = k, np.array([0.0, 0.1 * k, 0.02 * k])
-        state.widen(slice(0, 6), 1e-4)
+        state.inflate(slice(0, 6), 1e-4)
         state.add_clone()
     state.clones.p_fej = state.clones.p_WI
     xyz = predict(points_in_camera(POINTS_W, Poses.of(state), ROWS))
     xyz[..., :2] += rng.normal(0, 0.3 / 400, (*xyz.shape[:2], 2))
-    observed = Observations.weighed(xyz, np.ones(xyz.shape[:2], bool), ROWS)
-    return state, Features.of(np.arange(len(POINTS_W)), observed, state, ROWS)
+    observed = Observations.weighted(xyz, np.ones(xyz.shape[:2], bool), ROWS)
+    return state, ProjectedTracks.of(np.arange(len(POINTS_W)), observed, state, ROWS)
 
 
 def test_projected_features_are_points_with_a_flat_prior(rng: np.random.Generator) -> None:
@@ -137,9 +137,9 @@ def test_projected_features_are_points_with_a_flat_prior(rng: np.random.Generato
     assert state.cov == pytest.approx(expected, abs=1e-6)
 
 
-def rows_of(state: State, features: Features) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def rows_of(state: State, features: ProjectedTracks) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     r = residuals(features.points_W, Poses.of(state), features.observed, ROWS)
-    return r, *jacobians(features.points_W, Poses.first_of(state), features.observed, ROWS)
+    return r, *jacobians(features.points_W, Poses.first_estimates_of(state), features.observed, ROWS)
 
 
 def test_a_new_origin_is_exact_and_keeps_what_is_relative(rng: np.random.Generator) -> None:

@@ -74,10 +74,10 @@ FAULTS = {
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_fault_of_samples_is_said_and_the_camera_corrects_it(fault: str, depth: bool) -> None:
     """Before, the images were rejected and not the IMU: up to metres off, with the verdict GOOD."""
-    spoil, words = FAULTS[fault]
+    spoil, reasons = FAULTS[fault]
     wall = Wall(depth=depth)
     estimates = run(wall, spoil)
-    said = [e for e in estimates if any(words in reason for reason in e.health.reasons)]
+    said = [e for e in estimates if any(reasons in reason for reason in e.health.reasons)]
     assert said
     assert all(e.health.verdict is not Verdict.GOOD for e in said)
     assert not any("reset" in e.events for e in estimates)

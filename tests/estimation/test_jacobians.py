@@ -6,9 +6,9 @@ import pytest
 from snakeslam.calibration import ImuCalibration
 from snakeslam.estimation.filter.preintegration import ImuSegments, preintegrate
 from snakeslam.estimation.filter.state import BIASES, CORE, State
-from snakeslam.estimation.measurements.camera import CameraRows, Observations, Poses, jacobians, residuals
+from snakeslam.estimation.measurements.camera import Observations, Poses, ReprojectionModel, jacobians, residuals
 from snakeslam.estimation.measurements.settings import NoiseSettings
-from snakeslam.estimation.measurements.zero_velocity import AtRest, Rest
+from snakeslam.estimation.measurements.zero_velocity import StationaryPeriod, ZeroVelocity
 from snakeslam.geometry import numeric, so3
 
 GRAVITY_W = np.array([0.0, 0.0, -9.81])
@@ -75,7 +75,7 @@ def test_rows_at_rest(rng: np.random.Generator) -> None:
         at.add_clone()
         return at
 
-    rows = AtRest.of(Rest(0, 0.4, 0.001), state(), True)
+    rows = ZeroVelocity.of(StationaryPeriod(0, 0.4, 0.001), state(), True)
 
     def rest(d: np.ndarray) -> np.ndarray:
         moved = state()
@@ -87,16 +87,16 @@ def test_rows_at_rest(rng: np.random.Generator) -> None:
     assert np.linalg.matrix_rank(H) == 9
 
 
-def camera_rows() -> CameraRows:
+def camera_rows() -> ReprojectionModel:
     R_IC = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]]) @ so3.exp(np.array([0.02, -0.03, 0.01]))
-    return CameraRows(R_IC, np.array([0.05, 0.01, -0.02]), 1 / 400, NoiseSettings())
+    return ReprojectionModel(R_IC, np.array([0.05, 0.01, -0.02]), 1 / 400, NoiseSettings())
 
 
 def test_camera_rows(rng: np.random.Generator) -> None:
     """u, v and depth of a point with respect to the pose and the point."""
     rows = camera_rows()
     R, p, f = so3.exp(rng.normal(0, 0.3, 3)), rng.normal(0, 0.3, 3), np.array([3.0, 0.4, -0.3])
-    observed = Observations.weighed(np.array([[[0.1, 0.05, 2.5]]]), np.ones((1, 1), bool), rows)
+    observed = Observations.weighted(np.array([[[0.1, 0.05, 2.5]]]), np.ones((1, 1), bool), rows)
 
     def rest(d: np.ndarray) -> np.ndarray:
         poses = Poses((R @ so3.exp(d[:3]))[None], (p + d[3:6])[None])
@@ -109,7 +109,7 @@ def test_camera_rows(rng: np.random.Generator) -> None:
 
 def test_a_smeared_feature_weighs_less() -> None:
     """sigma^2 = pixel^2 + (blur_share * smear)^2 for u and v of the poses that are smeared; depth keeps its own."""
-    rows = CameraRows(np.eye(3), np.zeros(3), 1 / 400, NoiseSettings(blur_share=0.25))
+    rows = ReprojectionModel(np.eye(3), np.zeros(3), 1 / 400, NoiseSettings(blur_share=0.25))
     weight = rows.weights(np.full((1, 2, 3), 1.0), np.array([0.0, 0.03]))[0]
     assert weight[0, :2] == pytest.approx(400.0)
     assert weight[1, :2] == pytest.approx(1 / np.hypot(1 / 400, 0.25 * 0.03))

@@ -7,7 +7,7 @@ import pytest
 from snakeslam.estimation.frontend import motion_ransac, patches
 from snakeslam.estimation.frontend.patches import ReferencePatches
 from snakeslam.estimation.frontend.settings import FrontendSettings
-from snakeslam.estimation.frontend.tracking import Frontend, FrontendFrame
+from snakeslam.estimation.frontend.tracking import Frontend, TrackedFeatures
 from snakeslam.estimation.imaging import depth_sampling
 from snakeslam.estimation.imaging.camera import PinholeCamera
 from snakeslam.geometry import so3
@@ -91,7 +91,7 @@ def test_more_features_than_the_first_capacity(rng: np.random.Generator) -> None
     assert np.median(np.abs(found - px)) < 0.01
 
 
-def approach(frames: int) -> list[FrontendFrame]:
+def approach(frames: int) -> list[TrackedFeatures]:
     """A camera that moves 1 mm per frame towards a wall."""
     frontend, image = Frontend(FrontendSettings(), CAMERA, 0), texture()
     step, tracked = np.eye(4), []
@@ -105,7 +105,7 @@ def approach(frames: int) -> list[FrontendFrame]:
     return tracked
 
 
-def errors_px(frames: list[FrontendFrame]) -> np.ndarray:
+def errors_px(frames: list[TrackedFeatures]) -> np.ndarray:
     """Distance of the first frame's features from their true positions in the last, (N,)."""
     kept, first, last = np.intersect1d(frames[0].ids, frames[-1].ids, return_indices=True)
     assert len(kept) > 40

@@ -8,7 +8,7 @@ import pytest
 
 from snakeslam.estimation.base import FrameEstimate
 from snakeslam.estimation.filter.state import CORE, P, State
-from snakeslam.estimation.frontend.tracking import FrontendFrame
+from snakeslam.estimation.frontend.tracking import TrackedFeatures
 from snakeslam.estimation.health_settings import HealthSettings
 from snakeslam.estimation.settings import EstimatorSettings
 from snakeslam.estimation.vio import relocalisation
@@ -58,7 +58,7 @@ def events(estimates: list[FrameEstimate]) -> list[str]:
 
 def test_what_was_lost_in_the_dark_is_found_again(monkeypatch: pytest.MonkeyPatch) -> None:
     found = run(covered(5.0))
-    assert events(found) == ["initialised at rest", "relocalised"]
+    assert events(found) == ["initialised, stationary", "relocalised"]
     assert max(e.t_ns for e in found if "relocalised" in e.events) < COVERED_NS[1] + 1_000_000_000
     monkeypatch.setattr(Keyframes, "measure", lambda *_: None)
     alone = run(covered(5.0))
@@ -70,7 +70,7 @@ def test_after_a_reset_it_goes_on_where_it_is() -> None:
     """Blind for longer than it may be, it starts anew; the keyframes tell where."""
     patient = SETTINGS.model_copy(update={"health": HealthSettings(max_blind_s=0.5)})
     found = run(covered(6.0), patient)
-    assert events(found)[:2] == ["initialised at rest", "reset"]
+    assert events(found)[:2] == ["initialised, stationary", "reset"]
     assert events(found)[-1] == "relocalised"
     assert error_m(found, 6.0) < 0.03
 
@@ -104,9 +104,9 @@ def state_at(p_W: Float) -> State:
     return State(0, np.eye(3), p_W, np.zeros(3), np.zeros(3), np.zeros(3), np.eye(CORE) * 1e-4)
 
 
-def features(smear: float = 0.0) -> FrontendFrame:
+def features(motion_blur_rad: float = 0.0) -> TrackedFeatures:
     none = np.empty((0, 2), np.float32), np.empty(0, np.int64)
-    return FrontendFrame(*none, np.empty((0, 2)), np.empty(0), *none, None, False, 0, smear)
+    return TrackedFeatures(*none, np.empty((0, 2)), np.empty(0), *none, None, False, 0, motion_blur_rad)
 
 
 def first_frame(wall: Wall) -> CameraFrame:
@@ -122,7 +122,7 @@ def test_only_so_many_sharp_pictures_with_depth_of_other_views_are_kept() -> Non
         assert len(kept._present) == min(k + 1, MAX_KEYFRAMES)
     kept.begin(1)
     kept.add(first_frame(Wall(depth=False)), features(), state_at(away))
-    kept.add(frame, features(smear=0.1), state_at(away))
+    kept.add(frame, features(motion_blur_rad=0.1), state_at(away))
     assert not kept._present
 
 

@@ -5,27 +5,27 @@ import pytest
 
 from bench.simulated import P_IC, R_IC, RIG, SETTINGS, SimulatedFrontend, SwingingHead
 from snakeslam.calibration import SensorRig
-from snakeslam.estimation.filter.extrinsics import Mount, free_mount, motion_of_rows
+from snakeslam.estimation.filter.extrinsics import Extrinsics, initial_extrinsics, readout_flow
 from snakeslam.estimation.filter.ieskf import Information
 from snakeslam.estimation.filter.settings import CalibrationSettings
 from snakeslam.estimation.filter.state import CORE, State
 from snakeslam.estimation.measurements.camera import (
-    CameraRows,
     Observations,
     Poses,
+    ReprojectionModel,
     all_jacobians,
     points_in_camera,
     predict,
     residuals,
 )
-from snakeslam.estimation.measurements.landmarks import Sightings
-from snakeslam.estimation.measurements.projected_tracks import Features
+from snakeslam.estimation.measurements.landmarks import LandmarkObservations
+from snakeslam.estimation.measurements.projected_tracks import ProjectedTracks
 from snakeslam.estimation.measurements.settings import NoiseSettings
 from snakeslam.estimation.vio.odometry import VisualInertialOdometry
 from snakeslam.geometry import numeric, se3, so3
 from snakeslam.messages import Float
 
-ROWS = CameraRows(R_IC, P_IC, 1 / 400, NoiseSettings())
+ROWS = ReprojectionModel(R_IC, P_IC, 1 / 400, NoiseSettings())
 WIDE = CalibrationSettings(time_offset_sigma_ms=10.0, rotation_sigma_deg=2.0, position_sigma_mm=10.0)
 POINTS_W = np.array([[2.0, 0.5, 0.3], [3.0, -0.8, 0.2], [2.5, 0.1, -0.4], [1.5, -0.3, 0.1]])
 
@@ -38,27 +38,27 @@ def rig(R_IC: Float, p_IC: Float) -> SensorRig:
 
 def calibrated(
     head: SwingingHead, believed: SensorRig, settings: CalibrationSettings = WIDE, readout_s: float = 0.0
-) -> tuple[Mount, Float]:
+) -> tuple[Extrinsics, Float]:
     """Return the mount that the filter finds and one sigma of its error."""
     frontend = SimulatedFrontend(head, SETTINGS.noise, head.late_ns, readout_s)
     vio = VisualInertialOdometry(SETTINGS.model_copy(update={"calibration": settings}), believed, head.seed, frontend)
     for packet in head.packets():
         vio.process(packet)
-    assert vio.mount is not None
-    mount, cov = vio.mount
-    return mount, np.sqrt(np.diag(cov))
+    assert vio.extrinsics is not None
+    extrinsics, cov = vio.extrinsics
+    return extrinsics, np.sqrt(np.diag(cov))
 
 
 def window() -> State:
     """Three poses of a camera whose mount is free, and landmarks."""
     state = State(0, np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.eye(CORE) * 1e-4)
-    freed = free_mount(RIG.cam0, WIDE)
+    freed = initial_extrinsics(RIG.cam0, WIDE)
     assert freed is not None
-    state.free_mount(*freed)
+    state.add_extrinsics(*freed)
     for k in range(3):
         state.t_ns, state.p_WI = k, np.array([0.0, 0.1 * k, 0.02 * k])
         state.R_WI = so3.exp(np.array([0.1 * k, 0.05 * k, -0.1 * k]))
-        state.widen(slice(0, 6), 1e-4)
+        state.inflate(slice(0, 6), 1e-4)
         state.add_clone(np.array([0.3, -0.2, 0.5, 0.2, 0.1, -0.1]))
     state.clones.p_fej, state.clones.R_fej = state.clones.p_WI, state.clones.R_WI
     count = len(POINTS_W)
@@ -71,26 +71,26 @@ def window() -> State:
 def observed_from(state: State, rng: np.random.Generator) -> Observations:
     """Return noisy observations of the points from the window."""
     xyz = predict(points_in_camera(POINTS_W, Poses.of(state), ROWS))
-    return Observations.weighed(xyz + rng.normal(0, 0.3 / 400, xyz.shape), np.ones(xyz.shape[:2], bool), ROWS)
+    return Observations.weighted(xyz + rng.normal(0, 0.3 / 400, xyz.shape), np.ones(xyz.shape[:2], bool), ROWS)
 
 
 def test_rows_by_the_cameras_place(rng: np.random.Generator) -> None:
     """p_C = R_CI (p_I - p_IC): [p_C]x by the orientation, -R_CI by the place."""
     R, p = so3.exp(rng.normal(0, 0.3, 3)), rng.normal(0, 0.3, 3)
-    mount = Mount(R_IC, P_IC, frees_place=True)
-    observed = Observations.weighed(np.array([[[0.1, 0.05, 2.5]]]), np.ones((1, 1), bool), ROWS)
+    extrinsics = Extrinsics(R_IC, P_IC, estimates_pose=True)
+    observed = Observations.weighted(np.array([[[0.1, 0.05, 2.5]]]), np.ones((1, 1), bool), ROWS)
 
     def rest(d: Float) -> Float:
-        return -residuals(POINTS_W[:1], Poses(R[None], p[None], mount.plus(d)), observed, ROWS)
+        return -residuals(POINTS_W[:1], Poses(R[None], p[None], extrinsics.plus(d)), observed, ROWS)
 
-    _, _, Hc = all_jacobians(POINTS_W[:1], Poses(R[None], p[None], mount), observed, ROWS)
+    _, _, Hc = all_jacobians(POINTS_W[:1], Poses(R[None], p[None], extrinsics), observed, ROWS)
     assert Hc[0, 0] == pytest.approx(numeric.jacobian(rest, 6), rel=1e-5, abs=1e-4)
 
 
 def test_an_error_of_the_time_moves_the_clone() -> None:
     """(theta + w t_d, p + v t_d) [Li14]: the clone's error is that of the pose t_d later."""
     state = State(0, np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.eye(CORE) * 1e-4)
-    state.free_mount(Mount(R_IC, P_IC, frees_time=True), np.array([1e-4]))
+    state.add_extrinsics(Extrinsics(R_IC, P_IC, estimates_time=True), np.array([1e-4]))
     before, r_pose_t = state.cov.copy(), np.array([0.3, -0.2, 0.5, 0.2, 0.1, -0.1])
     state.add_clone(r_pose_t)
     J = np.vstack([np.eye(CORE + 1), np.hstack([np.eye(6), np.zeros((6, CORE - 6)), r_pose_t[:, None]])])
@@ -101,7 +101,7 @@ def test_projected_features_and_landmarks_tell_the_place_as_dense_rows_do(rng: n
     """L and H^T r of both kinds of rows against a dense, numeric Jacobian; the innovation against S = H P H^T + I."""
     state = window()
     observed = observed_from(state, rng)
-    features = Features(np.arange(len(POINTS_W)), observed, POINTS_W, ROWS)
+    features = ProjectedTracks(np.arange(len(POINTS_W)), observed, POINTS_W, ROWS)
 
     def rest(d: Float) -> Float:
         moved = window()
@@ -110,22 +110,26 @@ def test_projected_features_and_landmarks_tell_the_place_as_dense_rows_do(rng: n
 
     H, r = numeric.jacobian(rest, state.size), -rest(np.zeros(state.size))
     points = np.arange(state.window.stop, state.size)
-    Hx, Hf = H[:, state.view], H[:, points]
-    assert np.linalg.norm(H[:, state.camera_place]) > 0.0
+    Hx, Hf = H[:, state.camera_poses_part], H[:, points]
+    assert np.linalg.norm(H[:, state.extrinsics_part]) > 0.0
     away = np.eye(len(r)) - Hf @ np.linalg.inv(Hf.T @ Hf) @ Hf.T
     told = Information.none(state.size)
     innovation = features.innovation(state)
     features.linearise(state, told)
     scale = np.abs(Hx.T @ Hx).max()
-    assert told.L[state.view, state.view] == pytest.approx(Hx.T @ away @ Hx, abs=1e-6 * scale)
-    assert told.gradient[state.view] == pytest.approx(Hx.T @ away @ r, rel=1e-4, abs=1e-3)
+    assert told.L[state.camera_poses_part, state.camera_poses_part] == pytest.approx(Hx.T @ away @ Hx, abs=1e-6 * scale)
+    assert told.gradient[state.camera_poses_part] == pytest.approx(Hx.T @ away @ r, rel=1e-4, abs=1e-3)
     own = slice(0, 9)
-    S = Hx[own] @ state.cov[state.view, state.view] @ Hx[own].T + 1e4 * Hf[own, :3] @ Hf[own, :3].T + np.eye(9)
+    S = (
+        Hx[own] @ state.cov[state.camera_poses_part, state.camera_poses_part] @ Hx[own].T
+        + 1e4 * Hf[own, :3] @ Hf[own, :3].T
+        + np.eye(9)
+    )
     assert innovation.distance[0] == pytest.approx(r[own] @ np.linalg.solve(S, r[own]), rel=1e-4)
 
     newest = Observations(observed.xyz[:, -1:], observed.seen[:, -1:], observed.weight[:, -1:])
     seen = Information.none(state.size)
-    Sightings(np.arange(len(POINTS_W)), newest, ROWS).linearise(state, seen)
+    LandmarkObservations(np.arange(len(POINTS_W)), newest, ROWS).linearise(state, seen)
     rows = np.arange(len(r)).reshape(-1, 3, 3)[:, -1].ravel()
     assert seen.L == pytest.approx(H[rows].T @ H[rows], abs=1e-6 * scale)
     assert seen.gradient == pytest.approx(H[rows].T @ r[rows], rel=1e-4, abs=1e-3)
@@ -135,10 +139,10 @@ def test_a_wrong_time_and_place_are_found() -> None:
     """Frames stamped 10 ms late, the camera 2 deg and 1 cm from where the calibration puts it."""
     turn, way = np.deg2rad(2.0) * np.array([0.6, -0.64, 0.48]), 0.01 * np.array([0.48, 0.6, -0.64])
     head = SwingingHead(seed=1, duration_s=8.0, tracks=80, late_ns=10_000_000)
-    mount, sigma = calibrated(head, rig(R_IC @ so3.exp(turn), P_IC + way))
-    off_s = mount.offset_s + 0.010
-    off_rad = so3.log(R_IC.T @ mount.R_IC)
-    off_m = mount.p_IC - P_IC
+    extrinsics, sigma = calibrated(head, rig(R_IC @ so3.exp(turn), P_IC + way))
+    off_s = extrinsics.offset_s + 0.010
+    off_rad = so3.log(R_IC.T @ extrinsics.R_IC)
+    off_m = extrinsics.p_IC - P_IC
     assert abs(off_s) < 5e-4
     assert np.rad2deg(np.linalg.norm(off_rad)) < 0.2
     assert np.linalg.norm(off_m) < 0.008
@@ -148,9 +152,9 @@ def test_a_wrong_time_and_place_are_found() -> None:
 @pytest.mark.parametrize("late_ms", [0, 3, 6])
 def test_a_camera_whose_clock_is_off_needs_no_setting(late_ms: int) -> None:
     head = SwingingHead(seed=2, duration_s=6.0, tracks=80, late_ns=late_ms * 1_000_000)
-    mount, sigma = calibrated(head, RIG, CalibrationSettings())
+    extrinsics, sigma = calibrated(head, RIG, CalibrationSettings())
     assert len(sigma) == 1
-    assert mount.offset_s == pytest.approx(-late_ms * 1e-3, abs=5e-4)
+    assert extrinsics.offset_s == pytest.approx(-late_ms * 1e-3, abs=5e-4)
 
 
 def with_shutter(shutter: str) -> SensorRig:
@@ -160,9 +164,9 @@ def with_shutter(shutter: str) -> SensorRig:
 @pytest.mark.parametrize("readout_ms", [0, 25, -25])
 def test_the_readout_of_a_rolling_shutter_is_found(readout_ms: int) -> None:
     head = SwingingHead(seed=3, duration_s=8.0, tracks=80)
-    mount, sigma = calibrated(head, with_shutter("unknown"), CalibrationSettings(), readout_ms * 1e-3)
+    extrinsics, sigma = calibrated(head, with_shutter("unknown"), CalibrationSettings(), readout_ms * 1e-3)
     assert len(sigma) == 2
-    assert mount.readout_s == pytest.approx(readout_ms * 1e-3, abs=1.5e-3)
+    assert extrinsics.readout_s == pytest.approx(readout_ms * 1e-3, abs=1.5e-3)
     assert sigma[1] < 1e-3
 
 
@@ -173,14 +177,14 @@ def test_rows_move_by_the_readout_as_the_camera_turns(rng: np.random.Generator) 
     for n in range(5):
         turned[n] = so3.exp(w_C * (height[n] - 0.5) * short_s).T @ turned[n]
     moved = (turned[:, :2] / turned[:, 2:] - xy) / short_s
-    assert motion_of_rows(xy, height, w_C) == pytest.approx(moved, abs=1e-4)
+    assert readout_flow(xy, height, w_C) == pytest.approx(moved, abs=1e-4)
 
 
 def test_what_the_calibration_knows_goes_before_the_settings() -> None:
     known = RIG.cam0.model_copy(update={"timeshift_sigma_s": 0.0})
-    assert free_mount(known, CalibrationSettings()) is None
+    assert initial_extrinsics(known, CalibrationSettings()) is None
     loose = RIG.cam0.model_copy(update={"timeshift_sigma_s": 0.02, "shutter": "rolling"})
-    freed = free_mount(loose, CalibrationSettings())
+    freed = initial_extrinsics(loose, CalibrationSettings())
     assert freed is not None
     assert freed[1] == pytest.approx([0.02**2, 0.015**2])
 
@@ -193,13 +197,13 @@ class Resting(SwingingHead):
 
 
 def test_a_head_at_rest_learns_nothing_of_its_camera() -> None:
-    mount, sigma = calibrated(Resting(seed=0, duration_s=8.0, tracks=60), RIG)
-    assert mount.offset_s == 0.0
+    extrinsics, sigma = calibrated(Resting(seed=0, duration_s=8.0, tracks=60), RIG)
+    assert extrinsics.offset_s == 0.0
     assert sigma[0] == pytest.approx(0.010)
     assert np.all(sigma[1:4] > 0.85 * np.deg2rad(2.0))
     assert np.all(sigma[4:] > 0.98 * 0.010)
-    assert np.all(np.abs(so3.log(R_IC.T @ mount.R_IC)) < np.deg2rad(1.0))
-    assert np.linalg.norm(mount.p_IC - P_IC) < 0.003
+    assert np.all(np.abs(so3.log(R_IC.T @ extrinsics.R_IC)) < np.deg2rad(1.0))
+    assert np.linalg.norm(extrinsics.p_IC - P_IC) < 0.003
 
 
 def test_what_has_no_sigma_is_held() -> None:
@@ -207,8 +211,8 @@ def test_what_has_no_sigma_is_held() -> None:
     time_alone = CalibrationSettings(time_offset_sigma_ms=5.0)
     head = SwingingHead(seed=1, duration_s=3.0, tracks=60)
     believed = rig(R_IC @ so3.exp(turn), P_IC)
-    mount, sigma = calibrated(head, believed, time_alone)
-    assert np.array_equal(mount.p_IC, believed.cam0.T_IC[:3, 3])
-    assert np.array_equal(mount.R_IC, believed.cam0.T_IC[:3, :3])
+    extrinsics, sigma = calibrated(head, believed, time_alone)
+    assert np.array_equal(extrinsics.p_IC, believed.cam0.T_IC[:3, 3])
+    assert np.array_equal(extrinsics.R_IC, believed.cam0.T_IC[:3, :3])
     assert len(sigma) == 1
-    assert free_mount(RIG.cam0, CalibrationSettings(time_offset_sigma_ms=0.0)) is None
+    assert initial_extrinsics(RIG.cam0, CalibrationSettings(time_offset_sigma_ms=0.0)) is None

@@ -39,7 +39,7 @@ def test_a_still_camera_without_depth_starts_at_rest(
     """Whatever the gyro's bias: the image says that nothing moves, and the bias is what the gyro then reports."""
     wall = Wall(still=True, depth=False, bias_g=bias_g, bias_a=bias_a, tremor_m=tremor_m)
     estimates = run(wall.packets(3.0))
-    assert any("initialised at rest" in e.events for e in estimates)
+    assert any("initialised, stationary" in e.events for e in estimates)
     assert all(e.pose is not None and e.health.verdict.tracked for e in estimates if e.t_ns >= 500_000_000)
     assert moved_m(estimates) < 0.003 + 2.0 * tremor_m
 

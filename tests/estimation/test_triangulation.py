@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from snakeslam.estimation.measurements.camera import CameraRows, Observations, Poses, points_in_camera, predict
+from snakeslam.estimation.measurements.camera import Observations, Poses, ReprojectionModel, points_in_camera, predict
 from snakeslam.estimation.measurements.settings import NoiseSettings
 from snakeslam.estimation.measurements.triangulation import triangulate
 from snakeslam.messages import Float
 
 R_IC = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
-ROWS = CameraRows(R_IC, np.zeros(3), 1 / 400, NoiseSettings())
+ROWS = ReprojectionModel(R_IC, np.zeros(3), 1 / 400, NoiseSettings())
 
 
 def seen_from_the_way(rng: np.random.Generator, ahead_m: Float, way_m: float) -> tuple[Float, np.ndarray]:
@@ -20,7 +20,7 @@ def seen_from_the_way(rng: np.random.Generator, ahead_m: Float, way_m: float) ->
     xyz = predict(points_in_camera(points, poses, ROWS))
     xyz[..., :2] += rng.normal(0, 1 / 400, (count, 8, 2))
     xyz[..., 2] = 0.0
-    found, good = triangulate(poses, Observations.weighed(xyz, np.ones((count, 8), bool), ROWS), ROWS)
+    found, good = triangulate(poses, Observations.weighted(xyz, np.ones((count, 8), bool), ROWS), ROWS)
     return found[:, 0], good
 
 

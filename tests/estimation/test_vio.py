@@ -45,7 +45,7 @@ def test_monocular_start_in_motion() -> None:
     wall = Wall(depth=False, start_s=2.0)
     estimates = run(wall, 3.0)
     e_p, _, _ = errors(wall, estimates)
-    assert any("initialised in motion" in e.events for e in estimates)
+    assert any("initialised, in motion" in e.events for e in estimates)
     assert np.linalg.norm(e_p, axis=1).max() < 0.08
 
 

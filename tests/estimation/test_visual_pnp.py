@@ -19,7 +19,7 @@ def points_ahead(rng: np.random.Generator, n: int, T: np.ndarray = T_WC) -> np.n
     return se3.act(T, np.column_stack([xy * z[:, None], z]))
 
 
-def sightings(
+def observations(
     rng: np.random.Generator, points_W: np.ndarray, T: np.ndarray = T_WC, noise: float = 1.0
 ) -> PointObservations:
     """What the camera measures of them, with noise; every third one has no depth."""
@@ -33,7 +33,7 @@ def sightings(
 
 def test_pose_jacobian_against_numeric() -> None:
     rng = np.random.default_rng(0)
-    seen = sightings(rng, points_ahead(rng, 20))
+    seen = observations(rng, points_ahead(rng, 20))
     T = T_WC @ se3.exp(np.full(6, 0.02))
     expected = numeric.jacobian(lambda d: residuals(T @ se3.exp(d), seen), 6)
     np.testing.assert_allclose(jacobian(T, seen).reshape(-1, 6), expected, rtol=1e-5, atol=1e-4)
@@ -41,7 +41,7 @@ def test_pose_jacobian_against_numeric() -> None:
 
 def test_pose_is_found_among_wrong_matches() -> None:
     rng = np.random.default_rng(1)
-    seen = sightings(rng, points_ahead(rng, 200))
+    seen = observations(rng, points_ahead(rng, 200))
     wrong = rng.permutation(200)[:60]
     seen.xyz[wrong, :2] += rng.uniform(0.05, 0.3, (60, 2))
     fit = refine_pose(T_WC @ se3.exp(np.full(6, 0.02)), seen)
@@ -58,7 +58,7 @@ def test_covariance_matches_the_spread_of_the_errors() -> None:
     values = []
     for k in range(200):
         rng = np.random.default_rng([2, k])
-        fit = refine_pose(T_WC, sightings(rng, points_ahead(rng, 30)))
+        fit = refine_pose(T_WC, observations(rng, points_ahead(rng, 30)))
         assert fit is not None
         e = se3.log(se3.inv(fit.T_WC) @ T_WC)
         values.append(e @ np.linalg.solve(fit.cov, e))
@@ -68,7 +68,7 @@ def test_covariance_matches_the_spread_of_the_errors() -> None:
 
 def test_more_points_than_are_independent_do_not_shrink_the_covariance() -> None:
     rng = np.random.default_rng(3)
-    few, many = (refine_pose(T_WC, sightings(rng, points_ahead(rng, n))) for n in (60, 600))
+    few, many = (refine_pose(T_WC, observations(rng, points_ahead(rng, n))) for n in (60, 600))
     assert few is not None
     assert many is not None
     ratio = np.sqrt(np.trace(many.cov) / np.trace(few.cov))
@@ -77,13 +77,13 @@ def test_more_points_than_are_independent_do_not_shrink_the_covariance() -> None
 
 def test_too_few_points_give_no_pose() -> None:
     rng = np.random.default_rng(4)
-    assert refine_pose(T_WC, sightings(rng, points_ahead(rng, 3))) is None
-    assert ransac_pose(sightings(rng, points_ahead(rng, 3)), FOCAL_PX, 4.0, 0) is None
+    assert refine_pose(T_WC, observations(rng, points_ahead(rng, 3))) is None
+    assert ransac_pose(observations(rng, points_ahead(rng, 3)), FOCAL_PX, 4.0, 0) is None
 
 
 def test_ransac_needs_no_start_and_repeats_itself() -> None:
     rng = np.random.default_rng(5)
-    seen = sightings(rng, points_ahead(rng, 100))
+    seen = observations(rng, points_ahead(rng, 100))
     seen.xyz[:50, :2] = rng.uniform(-0.5, 0.5, (50, 2))
     first, again = (ransac_pose(seen, FOCAL_PX, 4.0, 7) for _ in range(2))
     assert first is not None
@@ -99,7 +99,7 @@ def bundle(rng: np.random.Generator, noise: float) -> tuple[Bundle, np.ndarray, 
     points = points_ahead(rng, 120)
     keyframe = np.repeat(np.arange(4), 120)
     point = np.tile(np.arange(120), 4)
-    seen = [sightings(rng, points, T, noise) for T in Ts]
+    seen = [observations(rng, points, T, noise) for T in Ts]
     xyz, weights = (np.concatenate([getattr(s, name) for s in seen]) for name in ("xyz", "weights"))
     return Bundle(Ts, 3, points, keyframe, point, xyz, weights), Ts, points
 

@@ -23,7 +23,7 @@ RATE_SPAN_S = 0.01
 
 
 @dataclass(frozen=True, slots=True)
-class Mount:
+class Extrinsics:
     """Extrinsics ``R_IC`` (3, 3), ``p_IC`` (3,) m and clock of the camera, and which of them the filter estimates.
 
     ``offset_s`` is added to a frame's time; ``readout_s`` is how much later the last row is exposed than the first. The
@@ -34,37 +34,37 @@ class Mount:
 
     R_IC: Float
     p_IC: Float
-    first: "Mount | None" = None
+    first: "Extrinsics | None" = None
     offset_s: float = 0.0
-    frees_time: bool = False
-    frees_place: bool = False
+    estimates_time: bool = False
+    estimates_pose: bool = False
     readout_s: float = 0.0
-    frees_readout: bool = False
+    estimates_readout: bool = False
 
     @property
     def size(self) -> int:
         """Length of the error."""
-        return self.time_size + POSE_SIZE * self.frees_place + self.frees_readout
+        return self.time_size + POSE_SIZE * self.estimates_pose + self.estimates_readout
 
     @property
     def time_size(self) -> int:
         """Length of the time offset's error, 1 or 0."""
-        return int(self.frees_time)
+        return int(self.estimates_time)
 
-    def plus(self, dx: Float) -> "Mount":
+    def plus(self, dx: Float) -> "Extrinsics":
         """Return X [+] dx for an error ``dx`` (size,)."""
         moved = self
-        if self.frees_time:
+        if self.estimates_time:
             moved = replace(moved, offset_s=self.offset_s + float(dx[0]))
-        if self.frees_place:
+        if self.estimates_pose:
             pose = dx[self.time_size : self.time_size + POSE_SIZE]
             moved = replace(moved, R_IC=self.R_IC @ so3.exp(pose[:3]), p_IC=self.p_IC + pose[3:])
-        if self.frees_readout:
+        if self.estimates_readout:
             moved = replace(moved, readout_s=self.readout_s + float(dx[-1]))
         return replace(moved, first=self.first or self)
 
 
-def free_mount(cam0: CameraCalibration, settings: CalibrationSettings) -> tuple[Mount, Float] | None:
+def initial_extrinsics(cam0: CameraCalibration, settings: CalibrationSettings) -> tuple[Extrinsics, Float] | None:
     """Return the calibrated extrinsics with the variance of their estimated part; None if nothing is estimated.
 
     The calibration's own statements about the camera's clock and shutter take precedence over the settings.
@@ -73,15 +73,19 @@ def free_mount(cam0: CameraCalibration, settings: CalibrationSettings) -> tuple[
     time_s = settings.time_offset_sigma_ms / 1e3 if known_s is None else known_s
     pose = np.repeat([np.deg2rad(settings.rotation_sigma_deg), settings.position_sigma_mm / 1e3], 3)
     readout_s = 0.0 if cam0.shutter == "global" else settings.readout_sigma_ms / 1e3
-    mount = Mount(T_IC[:3, :3], T_IC[:3, 3], None, 0.0, time_s > 0.0, bool(pose.any()), 0.0, readout_s > 0.0)
-    if not mount.size:
+    extrinsics = Extrinsics(T_IC[:3, :3], T_IC[:3, 3], None, 0.0, time_s > 0.0, bool(pose.any()), 0.0, readout_s > 0.0)
+    if not extrinsics.size:
         return None
-    parts = [[time_s] * mount.frees_time, pose if mount.frees_place else [], [readout_s] * mount.frees_readout]
+    parts = [
+        [time_s] * extrinsics.estimates_time,
+        pose if extrinsics.estimates_pose else [],
+        [readout_s] * extrinsics.estimates_readout,
+    ]
     sigma = np.concatenate(parts)
-    return mount, sigma**2
+    return extrinsics, sigma**2
 
 
-def motion_by_time(rate_I: Float, cov_rate: Float, v_W: Float, cov_v: Float) -> Float:
+def pose_rate(rate_I: Float, cov_rate: Float, v_W: Float, cov_v: Float) -> Float:
     """Return d(theta, p)/dt of a clone, (w_I, v_W) (6,), each zero unless it is significant.
 
     If the noise of a stationary head were taken for motion, the filter would seem to observe the time offset.
@@ -91,7 +95,7 @@ def motion_by_time(rate_I: Float, cov_rate: Float, v_W: Float, cov_v: Float) -> 
     return np.concatenate([x * bool(keep) for (x, _), keep in zip(parts, significant, strict=True)])
 
 
-def motion_of_rows(xy: Float, height: Float, w_C: Float) -> Float:
+def readout_flow(xy: Float, height: Float, w_C: Float) -> Float:
     """Return d(x, y)/dt_r (N, 2) of features (N, 2) at ``height`` v / H (N,) while the camera rotates at ``w_C`` (3,).
 
     A ray r = (x, y, 1) that is constant in W moves by m = -w_C x r in the camera, which is (v / H - 1/2) (m_xy - (x, y)

@@ -60,16 +60,16 @@ class Measurement(Protocol):
         """Return r^T r at the state's present value with the weights of the last linearisation."""
         ...
 
-    def follow(self, step: Float) -> Float:
+    def back_substitute(self, step: Float) -> Float:
         """Back-substitute: move own unknowns by the ``step`` (N,) of the state; return their values before."""
         ...
 
-    def go_back(self, kept: Float) -> None:
+    def restore(self, kept: Float) -> None:
         """Put own unknowns back to the values that ``follow`` returned."""
         ...
 
 
-class PlainRows(ABC):
+class DirectMeasurement(ABC):
     """A measurement without unknowns of its own: its whitened residual and Jacobian are all there is to it."""
 
     __slots__ = ()
@@ -94,12 +94,12 @@ class PlainRows(ABC):
         r = self.residual(state)
         return float(r @ r)
 
-    def follow(self, step: Float) -> Float:
+    def back_substitute(self, step: Float) -> Float:
         """Return nothing: there are no own unknowns."""
         del step
         return np.empty(0)
 
-    def go_back(self, kept: Float) -> None:
+    def restore(self, kept: Float) -> None:
         """Do nothing: there are no own unknowns."""
         del kept
 
@@ -136,7 +136,7 @@ def update(state: State, measurements: Sequence[Measurement], max_iterations: in
 
         # 4. x_{j+1} = x^ [+] d_{j+1}. A step that raises the cost r^T r + d^T P^-1 d is undone, and is the last.
         step = d_new - d
-        before, points = state.nominal(), [m.follow(step) for m in measurements]
+        before, points = state.nominal(), [m.back_substitute(step) for m in measurements]
         state.restore(prior)
         state.plus(d_new)
         cost_before = total.cost + prior_cost
@@ -144,7 +144,7 @@ def update(state: State, measurements: Sequence[Measurement], max_iterations: in
         if not cost <= cost_before * (1.0 + ROUNDING):
             state.restore(before)
             for m, kept in zip(measurements, points, strict=True):
-                m.go_back(kept)
+                m.restore(kept)
             break
 
         # 5. Converged: the first step was as good as the linear model predicts, or the step is small.
@@ -158,7 +158,7 @@ def update(state: State, measurements: Sequence[Measurement], max_iterations: in
     nothing = np.zeros(state.size)
     for m in measurements:
         m.cost(state)
-        m.follow(nothing)
+        m.back_substitute(nothing)
 
     # 7. P <- P - B B^T + B S^-1 B^T, symmetric and positive by its form. B B^T is P except in the untouched rows.
     if iteration:

@@ -48,7 +48,7 @@ class MotionDoubt:
     v_m_s: float
     theta_rad: float
     lag_s: float
-    words: tuple[str, ...]
+    reasons: tuple[str, ...]
 
     @property
     def variance_v(self) -> float:
@@ -121,6 +121,6 @@ def motion_doubt(
     theta = period_s * sum(doubt.rate_rad_s for _, doubt in inside)
     lag_s = float(np.mean([max(0.0, (end_ns - t_ns) * 1e-9) for t_ns, _ in inside]))
     stuck = sum(doubt.stuck for _, doubt in inside)
-    words = (f"{len(inside) - stuck} IMU samples jump",) if stuck < len(inside) else ()
-    words += (f"{stuck} IMU samples repeat the one before",) if stuck else ()
-    return MotionDoubt(min(v, MAX_SIGMA_V_M_S), min(theta, MAX_SIGMA_THETA_RAD), lag_s, words)
+    reasons = (f"{len(inside) - stuck} IMU samples jump",) if stuck < len(inside) else ()
+    reasons += (f"{stuck} IMU samples repeat the one before",) if stuck else ()
+    return MotionDoubt(min(v, MAX_SIGMA_V_M_S), min(theta, MAX_SIGMA_THETA_RAD), lag_s, reasons)

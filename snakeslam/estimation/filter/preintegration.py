@@ -196,7 +196,7 @@ class ImuBuffer:
         """Return the error that doubted samples may cause between two times, None without such samples."""
         return motion_doubt(self._doubts, start_ns, end_ns, self._period_s)
 
-    def take_bad_count(self) -> int:
+    def pop_bad_count(self) -> int:
         """Return how many samples were refused since the last call."""
         bad, self._bad = self._bad, 0
         return bad

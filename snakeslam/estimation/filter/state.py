@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from snakeslam.estimation.filter.extrinsics import Mount
+from snakeslam.estimation.filter.extrinsics import Extrinsics
 from snakeslam.estimation.filter.preintegration import ALPHA, BETA, Preintegrated
 from snakeslam.estimation.filter.preintegration import GAMMA as GAMMA_ROWS
 from snakeslam.estimation.filter.state_parts import Clones, Landmarks
@@ -29,7 +29,7 @@ STATE_ORDER = np.r_[GAMMA_ROWS, ALPHA, BETA, BIASES]
 """Indices of the pre-integrated error (alpha, beta, theta, biases) in the order of the state (theta, p, v, biases)."""
 
 
-Nominal = tuple[Float, Float, Float, Float, Float, Mount | None, Float, Float, Float]
+Nominal = tuple[Float, Float, Float, Float, Float, Extrinsics | None, Float, Float, Float]
 """R_WI, p_WI, v_W, biases, extrinsics, R_WI and p_WI of the clones, p_W of the landmarks; arrays never modified."""
 
 
@@ -46,7 +46,7 @@ class State:
     cov: Float
     clones: Clones = field(default_factory=Clones)
     landmarks: Landmarks = field(default_factory=Landmarks)
-    mount: Mount | None = None
+    extrinsics: Extrinsics | None = None
     """The camera's extrinsics and clock; None where they are taken from the calibration."""
     R_fej: Float = field(init=False)
     p_fej: Float = field(init=False)
@@ -66,29 +66,29 @@ class State:
         return self.window.stop + LANDMARK * len(self.landmarks)
 
     @property
-    def camera_time(self) -> slice:
+    def time_offset_part(self) -> slice:
         """Slice of the error of the camera's time offset; empty when it is not estimated."""
-        return slice(CORE, CORE + (self.mount.time_size if self.mount is not None else 0))
+        return slice(CORE, CORE + (self.extrinsics.time_size if self.extrinsics is not None else 0))
 
     @property
-    def camera_place(self) -> slice:
+    def extrinsics_part(self) -> slice:
         """Slice of the errors of the camera's extrinsics and readout; empty when they are not estimated."""
-        return slice(self.camera_time.stop, CORE + (self.mount.size if self.mount is not None else 0))
+        return slice(self.time_offset_part.stop, CORE + (self.extrinsics.size if self.extrinsics is not None else 0))
 
     @property
-    def view(self) -> slice:
+    def camera_poses_part(self) -> slice:
         """Slice of the errors of all camera poses: extrinsics and readout, then the window of clones."""
-        return slice(self.camera_place.start, self.window.stop)
+        return slice(self.extrinsics_part.start, self.window.stop)
 
     def clone_slice(self, k: int) -> slice:
         """Return the slice of the error of clone ``k``."""
-        start = self.camera_place.stop + CLONE * k
+        start = self.extrinsics_part.stop + CLONE * k
         return slice(start, start + CLONE)
 
     @property
     def window(self) -> slice:
         """Slice of the errors of all clones."""
-        start = self.camera_place.stop
+        start = self.extrinsics_part.stop
         return slice(start, start + CLONE * len(self.clones))
 
     def landmark_rows(self, index: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -139,11 +139,11 @@ class State:
         self.t_ns = t_ns
         self._fix_first_estimate()
 
-    def widen(self, rows: slice, variance: float) -> None:
+    def inflate(self, rows: slice, variance: float) -> None:
         """Add ``variance`` to each component of a part of the error, for effects outside of the noise model."""
         self.cov[rows, rows] += np.eye(rows.stop - rows.start) * variance
 
-    def widen_motion(self, variance_theta: float, variance_v: float, lag_s: float) -> None:
+    def inflate_motion(self, variance_theta: float, variance_v: float, lag_s: float) -> None:
         """Add errors of rotation and velocity that arose ``lag_s`` ago; the position has drifted by dv lag since."""
         eye = np.eye(3)
         self.cov[THETA, THETA] += eye * variance_theta
@@ -152,7 +152,7 @@ class State:
         self.cov[P, V] += eye * (variance_v * lag_s)
         self.cov[V, P] += eye * (variance_v * lag_s)
 
-    def widen_landmarks(self, variance: Float) -> None:
+    def inflate_landmarks(self, variance: Float) -> None:
         """Add ``variance`` (L,) m^2 to all axes of each landmark, for a track that drifts over the surface."""
         rows = np.arange(self.window.stop, self.size)
         self.cov[rows, rows] += np.repeat(variance, LANDMARK)
@@ -191,11 +191,11 @@ class State:
 
     # -- Parts --------------------------------------------------------------------------------------------------------
 
-    def free_mount(self, mount: Mount, variance: Float) -> None:
+    def add_extrinsics(self, extrinsics: Extrinsics, variance: Float) -> None:
         """Add the estimated part of the camera's extrinsics with variances (size,); before the first clone."""
-        self.mount = mount
+        self.extrinsics = extrinsics
         n = len(self.cov)
-        cov = np.zeros((n + mount.size, n + mount.size))
+        cov = np.zeros((n + extrinsics.size, n + extrinsics.size))
         cov[:n, :n] = self.cov
         cov[np.arange(n, len(cov)), np.arange(n, len(cov))] = variance
         self.cov = cov
@@ -209,7 +209,7 @@ class State:
         at = self.window.stop
         order = np.r_[0:at, POSE, at : self.size]
         self.cov = submatrix(self.cov, order, order)
-        if r_pose_t is not None and self.camera_time.stop > CORE:
+        if r_pose_t is not None and self.time_offset_part.stop > CORE:
             clone = slice(at, at + CLONE)
             self.cov[clone] += np.outer(r_pose_t, self.cov[CORE])
             self.cov[:, clone] += np.outer(self.cov[:, CORE], r_pose_t)
@@ -249,12 +249,12 @@ class State:
         """Return the nominal values, to be restored later."""
         clones = self.clones
         core = (self.R_WI, self.p_WI, self.v_W, self.bias_g, self.bias_a)
-        return (*core, self.mount, clones.R_WI, clones.p_WI, self.landmarks.p_W)
+        return (*core, self.extrinsics, clones.R_WI, clones.p_WI, self.landmarks.p_W)
 
     def restore(self, nominal: Nominal) -> None:
         """Set the nominal values to earlier ones."""
         self.R_WI, self.p_WI, self.v_W, self.bias_g, self.bias_a = nominal[:5]
-        self.mount = nominal[5]
+        self.extrinsics = nominal[5]
         self.clones.R_WI, self.clones.p_WI, self.landmarks.p_W = nominal[6:]
 
     def plus(self, dx: Float) -> None:
@@ -266,8 +266,8 @@ class State:
         self.v_W = self.v_W + dx[V]
         self.bias_g = self.bias_g + dx[BIAS_G]
         self.bias_a = self.bias_a + dx[BIAS_A]
-        if self.mount is not None:
-            self.mount = self.mount.plus(dx[CORE : self.window.start])
+        if self.extrinsics is not None:
+            self.extrinsics = self.extrinsics.plus(dx[CORE : self.window.start])
         self.clones.R_WI = self.clones.R_WI @ rotations[1:]
         self.clones.p_WI = self.clones.p_WI + window[:, 1]
         self.landmarks.p_W = self.landmarks.p_W + dx[self.window.stop :].reshape(-1, LANDMARK)

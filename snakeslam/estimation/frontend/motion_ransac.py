@@ -20,7 +20,7 @@ MIN_NORM = 1e-9
 """A smaller cross product has no direction: both features are the same, or do not move."""
 
 
-def agreeing_motions(
+def two_point_inliers(
     xy0: Float, xy1: Float, R_C1C0: Float, limit: float, rng: np.random.Generator
 ) -> tuple[NDArray[np.bool_], float | None]:
     """Return which motions (N,) agree with one translation, and the median motion that the rotation does not explain.
@@ -50,7 +50,7 @@ def agreeing_motions(
     return good, median(moved[good]) if good.any() else None
 
 
-def rigid_motions(xy0: Float, xy1: Float, limit: float) -> NDArray[np.bool_]:
+def essential_inliers(xy0: Float, xy1: Float, limit: float) -> NDArray[np.bool_]:
     """Return which motions (N,) agree with one essential matrix, x1^T E x0 = 0, with unknown rotation [Nister04].
 
     ``xy0``, ``xy1`` (N, 2) are normalised, as is ``limit``, the largest distance of a feature from its epipolar line.

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from snakeslam.estimation.frontend.motion_ransac import agreeing_motions, rigid_motions
+from snakeslam.estimation.frontend.motion_ransac import essential_inliers, two_point_inliers
 from snakeslam.estimation.frontend.patches import ReferencePatches
 from snakeslam.estimation.frontend.settings import FrontendSettings
 from snakeslam.estimation.frontend.tracks import among
@@ -37,13 +37,14 @@ GRID_SHARE = 0.75
 
 
 @dataclass(frozen=True, slots=True)
-class FrontendFrame:
+class TrackedFeatures:
     """Features of one frame: ``px`` (M, 2), ``ids`` (M,), ``xy`` (M, 2) normalised, ``depth_m`` (M,) with 0 = unknown.
 
     ``rejected_px`` (R, 2) with ``rejected_ids`` are the outliers of RANSAC; ``disparity_px`` is the median motion that
     the rotation does not explain, None without a frame before; ``frozen`` means that the image repeats the one before;
-    ``followed`` is the number of features (the first ones) that were tracked, not new; ``smear`` is the rotation of the
-    camera during the exposure in rad, which is the length of the motion blur in normalised coordinates.
+    ``tracked`` is the number of features (the first ones) that were tracked, not new; ``motion_blur_rad`` is the
+    rotation of the camera during the exposure in rad, which is the length of the motion blur in normalised
+    coordinates.
     """
 
     px: NDArray[np.float32]
@@ -54,8 +55,8 @@ class FrontendFrame:
     rejected_ids: NDArray[np.int64]
     disparity_px: float | None
     frozen: bool
-    followed: int
-    smear: float = 0.0
+    tracked: int
+    motion_blur_rad: float = 0.0
 
 
 class Frontend:
@@ -79,7 +80,7 @@ class Frontend:
         self._R_CF = np.eye(3)
         """Rotation from the first camera frame F to the newest one."""
 
-    def process(self, frame: CameraFrame, T_C1C0: Float, doubted: bool = False) -> FrontendFrame:
+    def process(self, frame: CameraFrame, T_C1C0: Float, doubted: bool = False) -> TrackedFeatures:
         """Track the features of the last frame into ``frame``, and detect new ones where there are few.
 
         ``T_C1C0`` (4, 4) is the predicted motion of the camera: its rotation is taken as known, its translation only
@@ -129,9 +130,9 @@ class Frontend:
         disparity_px: float | None,
         tracked: int,
         frozen: bool,
-    ) -> FrontendFrame:
+    ) -> TrackedFeatures:
         xy = self._camera.normalise(self._px)
-        return FrontendFrame(
+        return TrackedFeatures(
             self._px, self._ids, xy, self._depth_m, *rejected, disparity_px, frozen, tracked, self._motion_blur
         )
 
@@ -180,8 +181,8 @@ class Frontend:
         limit, focal_px = self._settings.ransac_threshold_px, self._camera.focal_px
         before, now = self._camera.normalise(px0), self._camera.normalise(self._px)
         if R_C1C0 is None:
-            return rigid_motions(before, now, limit / focal_px), None
-        good, moved = agreeing_motions(before, now, R_C1C0, limit / focal_px, self._rng)
+            return essential_inliers(before, now, limit / focal_px), None
+        good, moved = two_point_inliers(before, now, R_C1C0, limit / focal_px, self._rng)
         return good, None if moved is None else moved * focal_px
 
     def _inside(self, px: NDArray[np.float32]) -> NDArray[np.bool_]:

@@ -24,15 +24,15 @@ def _among(ids: NDArray[np.int64], ordered: NDArray[np.int64]) -> NDArray[np.boo
 class TrackTable:
     """Observations of M tracks from the n clones of the window, as arrays whose columns are the clones.
 
-    ``ids`` (M,), ``xyz`` (M, n, 3) normalised (x, y) and depth in m (0 = unknown), ``seen`` (M, n); ``smear`` (n,) is
-    the length of the motion blur in each clone's image, normalised. ``flow`` (M, n, 2) is the motion of (x, y) per
-    second of a rolling shutter's readout.
+    ``ids`` (M,), ``xyz`` (M, n, 3) normalised (x, y) and depth in m (0 = unknown), ``seen`` (M, n);
+    ``motion_blur_rad`` (n,) is the length of the motion blur in each clone's image, normalised. ``flow`` (M, n, 2) is
+    the motion of (x, y) per second of a rolling shutter's readout.
     """
 
     ids: NDArray[np.int64]
     xyz: Float
     seen: NDArray[np.bool_]
-    smear: Float
+    motion_blur_rad: Float
     flow: Float
 
     def __init__(self) -> None:
@@ -48,8 +48,8 @@ class TrackTable:
         """Whether any observation of a track has a depth, (M,)."""
         return np.asarray(np.any(self.xyz[..., 2] > 0.0, axis=1))
 
-    def observe(
-        self, ids: NDArray[np.int64], xy: Float, depth_m: Float, smear: float = 0.0, flow: Float | float = 0.0
+    def add_frame(
+        self, ids: NDArray[np.int64], xy: Float, depth_m: Float, motion_blur_rad: float = 0.0, flow: Float | float = 0.0
     ) -> None:
         """Add the observations from the newest clone as a column; ids (k,) that are new become rows."""
         known = among(ids, self.ids)
@@ -64,12 +64,12 @@ class TrackTable:
         xyz[rows, n, :2], xyz[rows, n, 2], seen[rows, n] = xy, depth_m, True
         flows[rows, n] = flow
         self.xyz, self.seen, self.flow = xyz, seen, flows
-        self.smear = np.append(self.smear, smear)
+        self.motion_blur_rad = np.append(self.motion_blur_rad, motion_blur_rad)
 
-    def forget_column(self, k: int) -> None:
+    def drop_clone(self, k: int) -> None:
         """Drop the observations of clone ``k``, and the tracks that have no others."""
         self.xyz, self.seen = np.delete(self.xyz, k, axis=1), np.delete(self.seen, k, axis=1)
-        self.smear, self.flow = np.delete(self.smear, k), np.delete(self.flow, k, axis=1)
+        self.motion_blur_rad, self.flow = np.delete(self.motion_blur_rad, k), np.delete(self.flow, k, axis=1)
         self.keep(np.asarray(self.seen.any(axis=1)))
 
     def keep(self, kept: NDArray[np.bool_]) -> None:
@@ -81,5 +81,5 @@ class TrackTable:
         self.ids = np.empty(0, np.int64)
         self.xyz = np.empty((0, 0, 3))
         self.seen = np.empty((0, 0), bool)
-        self.smear = np.empty(0)
+        self.motion_blur_rad = np.empty(0)
         self.flow = np.empty((0, 0, 2))

@@ -9,9 +9,9 @@ from snakeslam.estimation.filter.gating import Innovation
 from snakeslam.estimation.filter.ieskf import Information
 from snakeslam.estimation.filter.state import LANDMARK, State
 from snakeslam.estimation.measurements.camera import (
-    CameraRows,
     Observations,
     Poses,
+    ReprojectionModel,
     all_jacobians,
     residuals,
     robust_scale,
@@ -20,12 +20,12 @@ from snakeslam.messages import Float
 
 
 @dataclass(slots=True)
-class Sightings:
+class LandmarkObservations:
     """Observations of landmarks ``index`` (L,) from the newest clone; the arrays of ``observed`` are (L, 1, 3)."""
 
     index: NDArray[np.int64]
     observed: Observations
-    rows: CameraRows
+    camera: ReprojectionModel
     _scale: Float = field(default_factory=lambda: np.empty(0))
     _first: tuple[NDArray[np.int64], Float] | None = None
     """The result of ``_jacobian``: it is taken at first estimates, which do not change within a frame."""
@@ -33,9 +33,9 @@ class Sightings:
     def __len__(self) -> int:
         return len(self.index)
 
-    def pick(self, chosen: NDArray[np.bool_]) -> "Sightings":
+    def pick(self, chosen: NDArray[np.bool_]) -> "LandmarkObservations":
         """Return the ``chosen`` observations (L,)."""
-        picked = Sightings(self.index[chosen], self.observed.pick(chosen), self.rows)
+        picked = LandmarkObservations(self.index[chosen], self.observed.pick(chosen), self.camera)
         if self._first is not None:
             at, H = self._first
             picked._first = at[chosen], H[chosen]
@@ -43,16 +43,16 @@ class Sightings:
 
     def _residuals(self, state: State) -> Float:
         newest = Poses.of(state).pick(len(state.clones) - 1)
-        return residuals(state.landmarks.p_W[self.index], newest, self.observed, self.rows)[:, 0]
+        return residuals(state.landmarks.p_W[self.index], newest, self.observed, self.camera)[:, 0]
 
     def _jacobian(self, state: State) -> tuple[NDArray[np.int64], Float]:
         """Return H (L, 3, k) by extrinsics, newest clone and landmark, and the indices (L, k) of their errors."""
         if self._first is not None:
             return self._first
         newest = len(state.clones) - 1
-        first = Poses.first_of(state).pick(newest)
-        Hx, Hf, Hc = all_jacobians(state.landmarks.p_fej[self.index], first, self.observed, self.rows)
-        pose = np.r_[state.camera_place, state.clone_slice(newest)]
+        first = Poses.first_estimates_of(state).pick(newest)
+        Hx, Hf, Hc = all_jacobians(state.landmarks.p_fej[self.index], first, self.observed, self.camera)
+        pose = np.r_[state.extrinsics_part, state.clone_slice(newest)]
         at = np.hstack([np.broadcast_to(pose, (len(self.index), len(pose))), state.landmark_rows(self.index)])
         self._first = at, np.concatenate([Hc[:, 0], Hx[:, 0], Hf[:, 0]], axis=-1)
         return self._first
@@ -90,11 +90,11 @@ class Sightings:
         r = self._residuals(state) * self._scale
         return float(np.sum(r * r))
 
-    def follow(self, step: Float) -> Float:
+    def back_substitute(self, step: Float) -> Float:
         """Return nothing: landmarks are part of the state."""
         del step
         return np.empty(0)
 
-    def go_back(self, kept: Float) -> None:
+    def restore(self, kept: Float) -> None:
         """Do nothing: landmarks are part of the state."""
         del kept

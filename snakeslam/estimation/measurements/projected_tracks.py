@@ -17,9 +17,9 @@ from snakeslam.estimation.filter.gating import Innovation
 from snakeslam.estimation.filter.ieskf import Information
 from snakeslam.estimation.filter.state import CLONE, LANDMARK, State
 from snakeslam.estimation.measurements.camera import (
-    CameraRows,
     Observations,
     Poses,
+    ReprojectionModel,
     all_jacobians,
     residuals,
     robust_scale,
@@ -49,32 +49,34 @@ class _Linearisation:
 
 
 @dataclass(slots=True)
-class Features:
+class ProjectedTracks:
     """M tracks with their triangulated points: ``ids`` (M,), ``points_W`` (M, 3)."""
 
     ids: NDArray[np.int64]
     observed: Observations
     points_W: Float
-    rows: CameraRows
+    camera: ReprojectionModel
     _last: _Linearisation | None = field(default=None)
     _fresh: tuple[Float, Float, Float, Float] | None = field(default=None)
     """r, Hx, Hf, Hc of the gate, used once more by the first linearisation: neither state nor points have changed."""
 
     @staticmethod
-    def of(ids: NDArray[np.int64], observed: Observations, state: State, rows: CameraRows) -> "Features":
+    def of(
+        ids: NDArray[np.int64], observed: Observations, state: State, camera: ReprojectionModel
+    ) -> "ProjectedTracks":
         """Return those tracks whose points can be triangulated from the window, with more rows than unknowns."""
         if not len(ids):
-            return Features(ids, observed, np.empty((0, 3)), rows)
-        points, good = triangulate(Poses.of(state), observed.at_middle(state.mount), rows)
+            return ProjectedTracks(ids, observed, np.empty((0, 3)), camera)
+        points, good = triangulate(Poses.of(state), observed.without_readout(state.extrinsics), camera)
         good &= observed.row_counts > POINT_UNKNOWNS
-        return Features(ids, observed, points, rows).pick(good)
+        return ProjectedTracks(ids, observed, points, camera).pick(good)
 
     def __len__(self) -> int:
         return len(self.ids)
 
-    def pick(self, chosen: NDArray[np.bool_]) -> "Features":
+    def pick(self, chosen: NDArray[np.bool_]) -> "ProjectedTracks":
         """Return the ``chosen`` tracks (M,)."""
-        picked = Features(self.ids[chosen], self.observed.pick(chosen), self.points_W[chosen], self.rows)
+        picked = ProjectedTracks(self.ids[chosen], self.observed.pick(chosen), self.points_W[chosen], self.camera)
         if self._fresh is not None:
             r, Hx, Hf, Hc = self._fresh
             picked._fresh = r[chosen], Hx[chosen], Hf[chosen], Hc[chosen]
@@ -82,8 +84,8 @@ class Features:
 
     def _rows_of_state(self, state: State) -> tuple[Float, Float, Float, Float]:
         """Return whitened r (M, n, 3), and Jacobians Hx (M, n, 3, 6), Hf (M, n, 3, 3), Hc (M, n, 3, c)."""
-        r = residuals(self.points_W, Poses.of(state), self.observed, self.rows)
-        return r, *all_jacobians(self.points_W, Poses.first_of(state), self.observed, self.rows)
+        r = residuals(self.points_W, Poses.of(state), self.observed, self.camera)
+        return r, *all_jacobians(self.points_W, Poses.first_estimates_of(state), self.observed, self.camera)
 
     def innovation(self, state: State) -> Innovation:
         """Return the innovation of each track, S = Hx P Hx^T + c Hf Hf^T + I."""
@@ -98,7 +100,7 @@ class Features:
 
         # 2. Extrinsics: + Hc P_cx Hx^T + (Hc P_cx Hx^T)^T + Hc P_cc Hc^T.
         if Hc.shape[-1]:
-            c, at = Hc.shape[-1], state.camera_place
+            c, at = Hc.shape[-1], state.extrinsics_part
             P_cx = state.cov[at, state.window].reshape(c, n, CLONE).transpose(1, 0, 2)
             PH = np.einsum("ncj,mnkj->mcnk", P_cx, Hx).reshape(m, c, 3 * n)
             flat_c = Hc.reshape(m, 3 * n, c)
@@ -117,7 +119,7 @@ class Features:
         scale = robust_scale(r)
         r, Hx, Hf, Hc = r * scale, Hx * scale[..., None], Hf * scale[..., None], Hc * scale[..., None]
         m, n = self.observed.seen.shape
-        at, extrinsics, window = state.view, state.camera_place, state.window
+        at, extrinsics, window = state.camera_poses_part, state.extrinsics_part, state.window
 
         # 1. Clones: Hx^T Hx is block-diagonal, since an observation depends on its own clone only.
         by_clone = np.swapaxes(Hx, 0, 1).reshape(n, 3 * m, CLONE)
@@ -154,18 +156,18 @@ class Features:
     def cost(self, state: State) -> float:
         """Return r^T r at the state's present value; also update g = Hf^T r for the next ``follow``."""
         last = self.linearisation()
-        r = residuals(self.points_W, Poses.of(state), self.observed, self.rows) * last.scale
+        r = residuals(self.points_W, Poses.of(state), self.observed, self.camera) * last.scale
         last.g = (np.swapaxes(last.Hf, 1, 2) @ r.reshape(len(self), -1, 1))[..., 0]
         return float(np.sum(r * r))
 
-    def follow(self, step: Float) -> Float:
+    def back_substitute(self, step: Float) -> Float:
         """Move the points by A^-1 (g - Hf^T Hx step), back-substitution; return their positions before."""
         last, kept = self.linearisation(), self.points_W
         rhs = last.g - np.einsum("cmi,c->mi", last.cross, step[last.at])
         self.points_W = kept + (last.A_inv @ rhs[..., None])[..., 0]
         return kept
 
-    def go_back(self, kept: Float) -> None:
+    def restore(self, kept: Float) -> None:
         """Put the points back."""
         self.points_W = kept
 
@@ -176,7 +178,7 @@ class Features:
         return self._last
 
 
-def promote(state: State, features: Features, chosen: NDArray[np.bool_]) -> None:
+def promote(state: State, features: ProjectedTracks, chosen: NDArray[np.bool_]) -> None:
     """Make the points of ``chosen`` tracks, with which the state has just been updated, landmarks of the state.
 
     A point's error is f = -A^-1 Hf^T Hx x + n with A = Hf^T Hf and cov(n) = A^-1. That noise is independent of the rows
@@ -184,7 +186,7 @@ def promote(state: State, features: Features, chosen: NDArray[np.bool_]) -> None
     """
     picked = features.pick(chosen)
     picked.linearise(state, Information.none(state.size))
-    picked.follow(np.zeros(state.size))
+    picked.back_substitute(np.zeros(state.size))
     last = picked.linearisation()
     r_f_x = np.zeros((len(picked), LANDMARK, state.size))
     r_f_x[..., last.at] = -last.A_inv @ np.transpose(last.cross, (1, 2, 0))

@@ -4,9 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from snakeslam.estimation.measurements.camera import (
-    CameraRows,
     Observations,
     Poses,
+    ReprojectionModel,
     point_jacobians,
     points_in_camera,
     residuals_in_camera,
@@ -30,21 +30,21 @@ RAY_PRIOR = 1e-6
 """Added to the normal matrix of parallel rays, whose intersection is at infinity."""
 
 
-def triangulate(poses: Poses, observed: Observations, rows: CameraRows) -> tuple[Float, NDArray[np.bool_]]:
+def triangulate(poses: Poses, observed: Observations, camera: ReprojectionModel) -> tuple[Float, NDArray[np.bool_]]:
     """Return points (M, 3) in W and which of them are well determined.
 
     It starts from the mean of the measured depths or, without any, from the point nearest to all rays; then
     Levenberg-Marquardt on the whitened residuals, (A + mu diag A) step = g, all points at once.
     """
-    points = _start(poses, observed, rows)
+    points = _start(poses, observed, camera)
     damping = np.full(len(points), 1e-3)
-    A, g, cost = _normal_equations(points, poses, observed, rows)
+    A, g, cost = _normal_equations(points, poses, observed, camera)
     diagonal = np.arange(3)
     for _ in range(ITERATIONS):
         damped = A.copy()
         damped[:, diagonal, diagonal] += damping[:, None] * (A[:, diagonal, diagonal] + TINY)
         trial: Float = np.asarray(points + np.linalg.solve(damped, g[..., None])[..., 0], dtype=np.float64)
-        A_trial, g_trial, trial_cost = _normal_equations(trial, poses, observed, rows)
+        A_trial, g_trial, trial_cost = _normal_equations(trial, poses, observed, camera)
         better = trial_cost <= cost
         settled = bool(np.all(np.abs(cost - trial_cost) <= CONVERGED * (cost + CONVERGED)))
         points = np.where(better[:, None], trial, points)
@@ -53,14 +53,14 @@ def triangulate(poses: Poses, observed: Observations, rows: CameraRows) -> tuple
         damping = np.where(better, damping * 0.1, damping * 10.0)
         if settled:
             break
-    return points, _well_determined(points, A, poses, observed, rows)
+    return points, _well_determined(points, A, poses, observed, camera)
 
 
-def _start(poses: Poses, observed: Observations, rows: CameraRows) -> Float:
+def _start(poses: Poses, observed: Observations, camera: ReprojectionModel) -> Float:
     """Return the weighted mean of p_WC + z R_WC (x, y, 1) over the measured depths, else the point nearest the rays."""
 
-    R_WC = poses.R_WI @ rows.R_IC
-    p_WC = poses.p_WI + poses.R_WI @ rows.p_IC
+    R_WC = poses.R_WI @ camera.R_IC
+    p_WC = poses.p_WI + poses.R_WI @ camera.p_IC
     rays = np.concatenate([observed.xyz[..., :2], np.ones((*observed.seen.shape, 1))], axis=-1)
     rays_W = np.einsum("nij,mnj->mni", R_WC, rays)
     weight = observed.weight[..., 2] ** 2
@@ -84,20 +84,20 @@ def _nearest_to_rays(rays_W: Float, p_WC: Float, seen: NDArray[np.bool_]) -> Flo
 
 
 def _normal_equations(
-    points: Float, poses: Poses, observed: Observations, rows: CameraRows
+    points: Float, poses: Poses, observed: Observations, camera: ReprojectionModel
 ) -> tuple[Float, Float, Float]:
     """Return A = Hf^T Hf (M, 3, 3), g = Hf^T r (M, 3) and the costs (M,), all with robust weights."""
-    p_C = points_in_camera(points, poses, rows)
+    p_C = points_in_camera(points, poses, camera)
     r = residuals_in_camera(p_C, observed)
     scale = robust_scale(r)
-    Hf = (point_jacobians(p_C, poses, observed, rows) * scale[..., None]).reshape(len(points), -1, 3)
+    Hf = (point_jacobians(p_C, poses, observed, camera) * scale[..., None]).reshape(len(points), -1, 3)
     flat = (r * scale).reshape(len(points), -1)
     Hf_T = np.swapaxes(Hf, 1, 2)
     return Hf_T @ Hf, (Hf_T @ flat[..., None])[..., 0], np.sum(flat * flat, axis=1)
 
 
 def _well_determined(
-    points: Float, A: Float, poses: Poses, observed: Observations, rows: CameraRows
+    points: Float, A: Float, poses: Poses, observed: Observations, camera: ReprojectionModel
 ) -> NDArray[np.bool_]:
     """Return which points are in front of all their cameras and precise enough for their distance.
 
@@ -105,7 +105,7 @@ def _well_determined(
     would make the filter overconfident. So the sigma of a point nearer than the median is evaluated at the median
     distance, sigma ~ distance^2.
     """
-    p_C = points_in_camera(points, poses, rows)
+    p_C = points_in_camera(points, poses, camera)
     in_front = np.all((p_C[..., 2] > MIN_Z_M) | ~observed.seen, axis=1) & np.all(np.isfinite(points), axis=1)
     weakest = np.maximum(np.linalg.eigvalsh(A)[:, 0], TINY)
     distance = np.linalg.norm(points - poses.p_WI[-1], axis=1)

@@ -7,16 +7,16 @@ import numpy as np
 
 from snakeslam.calibration import ImuCalibration
 from snakeslam.estimation.filter.gating import Innovation
-from snakeslam.estimation.filter.ieskf import PlainRows
+from snakeslam.estimation.filter.ieskf import DirectMeasurement
 from snakeslam.estimation.filter.state import THETA, P, State, V
-from snakeslam.estimation.frontend.tracking import FrontendFrame
+from snakeslam.estimation.frontend.tracking import TrackedFeatures
 from snakeslam.geometry import so3
 from snakeslam.geometry.median import median
 from snakeslam.messages import Float, ImuSample
 
-REST_NS = 300_000_000
+STATIONARY_NS = 300_000_000
 """Time for which image and IMU must be stationary before the first update."""
-REST_PX = 2.0
+STATIONARY_PX = 2.0
 """Largest median motion of the features since the reference image, in px."""
 
 MIN_COMMON = 10
@@ -38,7 +38,7 @@ SIGMA_V_M_S, SIGMA_P_M, SIGMA_THETA_RAD = 0.005, 0.001, 0.001
 
 
 @dataclass(frozen=True, slots=True)
-class Rest:
+class StationaryPeriod:
     """Stationary since ``since_ns``, for ``age_s``; the image moved by ``moved_rad`` (median angle of its features).
 
     ``since_start``: stationary since the filter's start, with a tremor of ``tremor_m_s2`` (standard deviation of the
@@ -60,32 +60,34 @@ class _Limits:
     moved_rad: float
 
 
-class RestDetector:
+class StationaryDetector:
     """Detects that IMU and image have been stationary together for REST_NS."""
 
     def __init__(self, noise: ImuCalibration, focal_px: float) -> None:
         gyro = 2.0 * noise.gyroscope_noise_density * np.sqrt(noise.update_rate)
         self._white_accel = noise.accelerometer_noise_density * np.sqrt(noise.update_rate)
         accel = 2.0 * self._white_accel
-        self._limits = _Limits(GYRO_STD_RAD_S + gyro, ACCEL_STD_M_S2 + accel, GYRO_MEAN_RAD_S, REST_PX / focal_px)
+        self._limits = _Limits(GYRO_STD_RAD_S + gyro, ACCEL_STD_M_S2 + accel, GYRO_MEAN_RAD_S, STATIONARY_PX / focal_px)
         self._tremor_limits = _Limits(
             TREMOR_GYRO_STD + gyro, TREMOR_ACCEL_STD + accel, TREMOR_GYRO_MEAN_RAD_S, TREMOR_PX / focal_px
         )
-        self._reference: tuple[int, FrontendFrame] | None = None
+        self._reference: tuple[int, TrackedFeatures] | None = None
         self._since_start = False
         self.tremor_m_s2 = 0.0
         """Standard deviation of the specific force beyond the IMU's noise while a tremor is allowed; else 0."""
 
-    def begin(self, t_ns: int, frame: FrontendFrame) -> None:
+    def begin(self, t_ns: int, frame: TrackedFeatures) -> None:
         """Begin a stationary time that the start of the filter has detected.
 
         Without depth it lasts through a tremor, since no parallax shows the filter that the camera stays where it is;
         with depth the features do.
         """
-        self._reference = (t_ns - REST_NS, frame)
+        self._reference = (t_ns - STATIONARY_NS, frame)
         self._since_start = not np.any(frame.depth_m > 0.0)
 
-    def see(self, t_ns: int, frame: FrontendFrame, samples: Sequence[ImuSample], bias_g: Float) -> Rest | None:
+    def update(
+        self, t_ns: int, frame: TrackedFeatures, samples: Sequence[ImuSample], bias_g: Float
+    ) -> StationaryPeriod | None:
         """Return the stationary time that lasts until ``t_ns``, or None; ``samples`` are those of the last 0.3 s."""
         # 1. The IMU: standard deviations and mean rate below their limits, else the stationary time has ended.
         limits = self._tremor_limits if self._since_start else self._limits
@@ -109,9 +111,9 @@ class RestDetector:
             # Where too few features are left for a comparison, this image is the next reference, tremor or not.
             self._reference, self._since_start = (t_ns, frame), self._since_start and not enough
             return None
-        if t_ns - since_ns < REST_NS:
+        if t_ns - since_ns < STATIONARY_NS:
             return None
-        return Rest(since_ns, (t_ns - since_ns) / 1e9, moved_rad, self._since_start, self.tremor_m_s2)
+        return StationaryPeriod(since_ns, (t_ns - since_ns) / 1e9, moved_rad, self._since_start, self.tremor_m_s2)
 
     @staticmethod
     def _imu_spread(samples: Sequence[ImuSample], bias_g: Float, limits: _Limits) -> float | None:
@@ -130,7 +132,7 @@ class RestDetector:
 
 
 @dataclass(slots=True)
-class AtRest(PlainRows):
+class ZeroVelocity(DirectMeasurement):
     """Rows v_W = 0, p = p' and Log(R'^T R) = 0 between the newest clone and an older one (primed).
 
     The older clone is the first of the same stationary time.
@@ -143,17 +145,17 @@ class AtRest(PlainRows):
     """Index of the older clone; None without one: then the velocity is measured alone, with 3 rows instead of 9."""
 
     @staticmethod
-    def of(rest: Rest, state: State, has_clone: bool) -> "AtRest":
+    def of(period: StationaryPeriod, state: State, has_clone: bool) -> "ZeroVelocity":
         """Return the rows of a stationary time; their sigmas grow with the motion in the image.
 
         sigma_v = 5 mm/s + d / T + tremor / (2 pi f), sigma_p = 1 mm + d, sigma_theta = 1 mrad + moved, where
         d = moved (3 m) and T is the duration.
         """
-        moved_m = rest.moved_rad * DISTANCE_M
-        sigma_v = SIGMA_V_M_S + moved_m / rest.age_s + TREMOR_V_S * rest.tremor_m_s2
-        sigmas = sigma_v, SIGMA_P_M + moved_m, SIGMA_THETA_RAD + rest.moved_rad
-        oldest = int(np.searchsorted(state.clones.t_ns, rest.since_ns))
-        return AtRest(*sigmas, oldest if has_clone and oldest < len(state.clones) - 1 else None)
+        moved_m = period.moved_rad * DISTANCE_M
+        sigma_v = SIGMA_V_M_S + moved_m / period.age_s + TREMOR_V_S * period.tremor_m_s2
+        sigmas = sigma_v, SIGMA_P_M + moved_m, SIGMA_THETA_RAD + period.moved_rad
+        oldest = int(np.searchsorted(state.clones.t_ns, period.since_ns))
+        return ZeroVelocity(*sigmas, oldest if has_clone and oldest < len(state.clones) - 1 else None)
 
     def residual(self, state: State) -> Float:
         """Return the whitened residual, (count,)."""

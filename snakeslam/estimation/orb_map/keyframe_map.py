@@ -36,7 +36,7 @@ class Keyframe:
         self.ids, self.xyz, self.weights = self.ids[chosen], self.xyz[chosen], self.weights[chosen]
 
 
-class VisualMap:
+class OrbMap:
     """Points and keyframes; each new keyframe is adjusted together with those that share points with it."""
 
     def __init__(self, settings: OrbMapSettings) -> None:

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from snakeslam.estimation.imaging.camera import PinholeCamera
-from snakeslam.estimation.orb_map.keyframe_map import VisualMap
+from snakeslam.estimation.orb_map.keyframe_map import OrbMap
 from snakeslam.estimation.orb_map.orb import IndexPairs, best_pairs, hamming
 from snakeslam.estimation.orb_map.pnp import MIN_Z_M, PointObservations, ransac_pose, refine_pose
 from snakeslam.estimation.orb_map.settings import OrbMapSettings
@@ -25,7 +25,7 @@ OLD_FRAMES = 10
 """Points not matched for so many frames are candidates for closing a loop."""
 CONSENSUS_SHARE = 0.15
 """Least share of the pairs that must be inliers of the first pose."""
-NOTHING = IndexPairs(np.empty(0, np.int64), np.empty(0, np.int64))
+NO_PAIRS = IndexPairs(np.empty(0, np.int64), np.empty(0, np.int64))
 
 
 def _extremes(px: Float) -> Float:
@@ -45,7 +45,7 @@ class Matcher:
         limits = camera.normalise(_extremes(np.column_stack([column, row]).astype(np.float64)))
         self._low, self._high = limits.min(axis=0) - MARGIN, limits.max(axis=0) + MARGIN
 
-    def near(self, view: View, known: VisualMap, T_WC: Float) -> Match | None:
+    def near(self, view: View, known: OrbMap, T_WC: Float) -> Match | None:
         """Return the match near a predicted pose: a wide search for recent points, then a narrow one for all."""
         recent = np.flatnonzero(known.points.age <= RECENT_FRAMES)
         among = self._visible(known, T_WC, recent if len(recent) >= MIN_RECENT else None)
@@ -53,23 +53,23 @@ class Matcher:
         start = self._consensus(view, known, wide, T_WC)
         return None if start is None else self._match_narrow(view, known, start)
 
-    def anywhere(self, view: View, known: VisualMap) -> Match | None:
+    def anywhere(self, view: View, known: OrbMap) -> Match | None:
         """Return the match of an image with unknown pose, by its descriptors alone."""
         start = self._consensus(view, known, self._all_pairs(view, known), None)
         return None if start is None else self._match_narrow(view, known, start)
 
-    def seen_before(self, view: View, known: VisualMap, T_WC: Float) -> IndexPairs:
+    def seen_before(self, view: View, known: OrbMap, T_WC: Float) -> IndexPairs:
         """Return the inlier pairs with points not matched for some time, from which the map may have drifted."""
         old = self._visible(known, T_WC, np.flatnonzero(known.points.age > OLD_FRAMES))
         pairs = self._search(view, known, T_WC, old, self._settings.search_px)
         start = self._consensus(view, known, pairs, T_WC)
         match = None if start is None else self._match_narrow(view, known, start, old)
-        if match is None or match.agreeing < self._settings.relocalise_inliers:
-            return NOTHING
+        if match is None or match.inlier_count < self._settings.relocalise_inliers:
+            return NO_PAIRS
         return IndexPairs(match.point[match.fit.inliers], match.feature[match.fit.inliers])
 
     def _match_narrow(
-        self, view: View, known: VisualMap, T_WC: Float, among: NDArray[np.int64] | None = None
+        self, view: View, known: OrbMap, T_WC: Float, among: NDArray[np.int64] | None = None
     ) -> Match | None:
         """Return the match by a narrow search around a pose that is about right; None without a pose from it."""
         visible = self._visible(known, T_WC, among)
@@ -80,7 +80,7 @@ class Matcher:
         px, ids = view.features.px[pairs.feature], known.points.ids[pairs.point]
         return Match(pairs.point, pairs.feature, px, ids, visible, fit)
 
-    def _consensus(self, view: View, known: VisualMap, pairs: IndexPairs, T_WC: Float | None) -> Float | None:
+    def _consensus(self, view: View, known: OrbMap, pairs: IndexPairs, T_WC: Float | None) -> Float | None:
         """Return the pose with the most inliers: refined from the prediction if that has enough, else by RANSAC."""
         seen = _observations(view, known, pairs)
         if T_WC is not None:
@@ -93,7 +93,7 @@ class Matcher:
         least = max(self._settings.min_inliers, CONSENSUS_SHARE * len(pairs))
         return None if fit is None or np.count_nonzero(fit.inliers) < least else fit.T_WC
 
-    def _visible(self, known: VisualMap, T_WC: Float, among: NDArray[np.int64] | None) -> NDArray[np.int64]:
+    def _visible(self, known: OrbMap, T_WC: Float, among: NDArray[np.int64] | None) -> NDArray[np.int64]:
         """Return which points, of those in ``among`` or of all, project into the image."""
         points_W = known.points.points_W if among is None else known.points.points_W[among]
         q = (points_W - T_WC[:3, 3]) @ T_WC[:3, :3]
@@ -102,11 +102,11 @@ class Matcher:
         return inside if among is None else among[inside]
 
     def _search(
-        self, view: View, known: VisualMap, T_WC: Float, points: NDArray[np.int64], radius_px: float
+        self, view: View, known: OrbMap, T_WC: Float, points: NDArray[np.int64], radius_px: float
     ) -> IndexPairs:
         """Match each point with the features within ``radius_px`` of its projection."""
         if not len(points) or not len(view):
-            return NOTHING
+            return NO_PAIRS
         q = (known.points.points_W[points] - T_WC[:3, 3]) @ T_WC[:3, :3]
         xy = q[:, :2] / np.maximum(q[:, 2:], MIN_Z_M)
         near = cKDTree(xy).sparse_distance_matrix(
@@ -117,10 +117,10 @@ class Matcher:
         bits = hamming(of_points, of_features[:, None]).min(axis=-1)
         return best_pairs(rows, columns, bits, self._settings.max_hamming, self._settings.match_ratio)
 
-    def _all_pairs(self, view: View, known: VisualMap) -> IndexPairs:
+    def _all_pairs(self, view: View, known: OrbMap) -> IndexPairs:
         """Match every feature with every map point by the descriptor of its first observation."""
         if not len(view) or known.points.count < 2:
-            return NOTHING
+            return NO_PAIRS
         of_points = np.ascontiguousarray(known.points.descriptors[:, 0]).view(np.uint8)
         pairs = cv2.BFMatcher(cv2.NORM_HAMMING).knnMatch(view.features.descriptors.view(np.uint8), of_points, k=2)
         limit, ratio = self._settings.max_hamming, self._settings.match_ratio
@@ -129,5 +129,5 @@ class Matcher:
         return IndexPairs(point, feature)
 
 
-def _observations(view: View, known: VisualMap, pairs: IndexPairs) -> PointObservations:
+def _observations(view: View, known: OrbMap, pairs: IndexPairs) -> PointObservations:
     return PointObservations(known.points.points_W[pairs.point], view.xyz[pairs.feature], view.weights[pairs.feature])

@@ -47,12 +47,14 @@ class Match:
     fit: PoseFit
 
     @property
-    def agreeing(self) -> int:
+    def inlier_count(self) -> int:
         """Number of inliers of the pose."""
         return int(np.count_nonzero(self.fit.inliers))
 
 
-def look(frame: CameraFrame, orb: OrbExtractor, camera: PinholeCamera, noise: NoiseSettings, rate_rad_s: float) -> View:
+def extract_view(
+    frame: CameraFrame, orb: OrbExtractor, camera: PinholeCamera, noise: NoiseSettings, rate_rad_s: float
+) -> View:
     """Return a frame's features with depth and noise; a rotation at ``rate_rad_s`` adds motion blur.
 
     sigma_px^2 = (pixel_px scale)^2 + (0.3 f rate exposure)^2, sigma_z = a + b z^2.

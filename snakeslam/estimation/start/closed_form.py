@@ -31,7 +31,7 @@ def gyro_bias(window: StartWindow) -> Float:
     stride = max(1, n // 4)
     pairs = [(k, min(k + stride, n - 1)) for k in range(0, n - stride, max(1, stride // 2))]
     rays = np.concatenate([window.observed.xyz[..., :2], np.ones((*window.observed.seen.shape, 1))], axis=-1)
-    rays = rays / np.linalg.norm(rays, axis=-1, keepdims=True) @ window.rows.R_IC.T
+    rays = rays / np.linalg.norm(rays, axis=-1, keepdims=True) @ window.camera.R_IC.T
     in_both = [window.observed.seen[:, a] & window.observed.seen[:, b] for a, b in pairs]
     pre = window.motions(np.zeros(3), np.zeros(3))
 
@@ -45,8 +45,8 @@ def gyro_bias(window: StartWindow) -> Float:
             total += float(np.linalg.eigvalsh(normals.T @ normals)[0])
         return total
 
-    options = {"gtol": 1e-9, "maxiter": MAX_BIAS_ITERATIONS}
-    return np.asarray(minimize(cost, np.zeros(3), method="BFGS", options=options).x)
+    found = minimize(cost, np.zeros(3), method="BFGS", options={"gtol": 1e-9, "maxiter": MAX_BIAS_ITERATIONS})
+    return np.asarray(found.x)
 
 
 def velocity_and_gravity(window: StartWindow, pre: list[Preintegrated]) -> tuple[Float, Float] | None:
@@ -64,10 +64,10 @@ def velocity_and_gravity(window: StartWindow, pre: list[Preintegrated]) -> tuple
     alpha = np.stack([np.zeros(3), *(p.alpha for p in pre)])
     rays = np.concatenate([window.observed.xyz[..., :2], np.ones((*window.observed.seen.shape, 1))], axis=-1)
     length = np.linalg.norm(rays, axis=-1, keepdims=True)
-    d = np.einsum("nij,mnj->mni", R_j @ window.rows.R_IC, rays / length)
-    origin = alpha + R_j @ window.rows.p_IC
+    d = np.einsum("nij,mnj->mni", R_j @ window.camera.R_IC, rays / length)
+    origin = alpha + R_j @ window.camera.p_IC
     z = window.observed.xyz[..., 2]
-    along = (window.rows.usable_depth(z) & window.observed.seen) * DEPTH_WEIGHT
+    along = (window.camera.usable_depth(z) & window.observed.seen) * DEPTH_WEIGHT
     W = (np.eye(3) - d[..., :, None] * d[..., None, :]) * window.observed.seen[..., None, None]
     W = W + along[..., None, None] * d[..., :, None] * d[..., None, :]
     lifted = origin[None] + d * (z * length[..., 0] * (along > 0))[..., None]

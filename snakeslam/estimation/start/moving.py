@@ -8,11 +8,11 @@ from snakeslam.calibration import ImuCalibration
 from snakeslam.estimation.filter.preintegration import ImuBuffer, ImuSegments
 from snakeslam.estimation.filter.state import BIAS_A, BIAS_G, CORE, THETA, P, State, V
 from snakeslam.estimation.frontend.tracks import TrackTable
-from snakeslam.estimation.measurements.camera import CameraRows, Observations
+from snakeslam.estimation.measurements.camera import Observations, ReprojectionModel
 from snakeslam.estimation.start import refine as unknowns
 from snakeslam.estimation.start.closed_form import gyro_bias, velocity_and_gravity
 from snakeslam.estimation.start.refine import MIN_TRACKS, SIZE, Refined, refine
-from snakeslam.estimation.start.still import upright
+from snakeslam.estimation.start.stationary import upright
 from snakeslam.estimation.start.window import StartWindow
 from snakeslam.geometry import so3
 from snakeslam.messages import Float
@@ -36,7 +36,7 @@ def start_moving(
     tracks: TrackTable,
     times_ns: Sequence[int],
     imu: ImuBuffer,
-    rows: CameraRows,
+    camera: ReprojectionModel,
     noise: ImuCalibration,
     gravity_m_s2: float,
     accel_sign: float = 1.0,
@@ -53,8 +53,8 @@ def start_moving(
         return None
     t_s = (np.array(times_ns) - times_ns[0]) / 1e9
     kept = [ImuSegments(span.gyro_I, accel_sign * span.accel_I, span.dt_s) for span in spans if span is not None]
-    observed = Observations.weighed(tracks.xyz[long], tracks.seen[long], rows, tracks.smear)
-    window = StartWindow(t_s, kept, observed, rows, noise, gravity_m_s2)
+    observed = Observations.weighted(tracks.xyz[long], tracks.seen[long], camera, tracks.motion_blur_rad)
+    window = StartWindow(t_s, kept, observed, camera, noise, gravity_m_s2)
     try:
         # 2. The gyro's bias from epipolar planes, min sum lambda_min(sum n n^T) [Kneip13].
         bias_g = gyro_bias(window)

@@ -13,7 +13,7 @@ import numpy as np
 from snakeslam.estimation.filter.preintegration import ALPHA, GAMMA, Preintegrated
 from snakeslam.estimation.measurements.camera import Poses, jacobians, residuals, robust_scale
 from snakeslam.estimation.measurements.triangulation import triangulate
-from snakeslam.estimation.start.still import SIGMA_BIAS_A
+from snakeslam.estimation.start.stationary import SIGMA_BIAS_A
 from snakeslam.estimation.start.window import StartWindow
 from snakeslam.geometry import so3
 from snakeslam.messages import Float
@@ -129,16 +129,16 @@ def _normal_equations(
 
     # 2. Points. A camera that hardly moves gives hardly any of them parallax.
     poses = Poses(R, p)
-    points, good = triangulate(poses, window.observed, window.rows)
+    points, good = triangulate(poses, window.observed, window.camera)
     count = int(good.sum())
     if count < MIN_TRACKS:
         return _NormalEquations(np.zeros((SIZE, SIZE)), np.zeros(SIZE), np.inf, np.inf, count)
     observed, points = window.observed.pick(good), points[good]
 
     # 3. Whitened residuals and Jacobians with Huber's weights; by x through the poses, Hx = dh/dpose dpose/dx.
-    r = residuals(points, poses, observed, window.rows)
+    r = residuals(points, poses, observed, window.camera)
     scale = robust_scale(r)
-    Hx, Hf = jacobians(points, poses, observed, window.rows)
+    Hx, Hf = jacobians(points, poses, observed, window.camera)
     Hx = np.einsum("mnki,nij->mnkj", Hx, r_pose_x) * scale[..., None]
     Hf, r = Hf * scale[..., None], r * scale
     Hx, Hf, flat = Hx.reshape(count, -1, SIZE), Hf.reshape(count, -1, 3), r.reshape(count, -1)

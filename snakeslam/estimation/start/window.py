@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from snakeslam.calibration import ImuCalibration
 from snakeslam.estimation.filter.preintegration import ImuSegments, Preintegrated, preintegrate
-from snakeslam.estimation.measurements.camera import CameraRows, Observations
+from snakeslam.estimation.measurements.camera import Observations, ReprojectionModel
 from snakeslam.messages import Float
 
 
@@ -15,7 +15,7 @@ class StartWindow:
     t_s: Float
     spans: list[ImuSegments]
     observed: Observations
-    rows: CameraRows
+    camera: ReprojectionModel
     noise: ImuCalibration
     gravity_m_s2: float
 

@@ -15,22 +15,22 @@ from numpy.typing import NDArray
 from snakeslam.calibration import SensorRig
 from snakeslam.errors import InputError
 from snakeslam.estimation.base import FrameEstimate
-from snakeslam.estimation.filter.extrinsics import Mount
+from snakeslam.estimation.filter.extrinsics import Extrinsics
 from snakeslam.estimation.filter.gating import Agreement
 from snakeslam.estimation.filter.imu_doubt import MotionDoubt
 from snakeslam.estimation.filter.preintegration import ImuBuffer
 from snakeslam.estimation.filter.state import CORE, P, State, V
-from snakeslam.estimation.frontend.tracking import Frontend, FrontendFrame
-from snakeslam.estimation.gait.aid import GaitAid
-from snakeslam.estimation.gait.rows import GaitWay
+from snakeslam.estimation.frontend.tracking import Frontend, TrackedFeatures
+from snakeslam.estimation.gait.measurement import GaitDisplacement
+from snakeslam.estimation.gait.sensor import GaitSensor
 from snakeslam.estimation.health import NEW_MAP, TIED, Evidence, judge, supports
 from snakeslam.estimation.imaging.camera import PinholeCamera
 from snakeslam.estimation.imaging.roll_prior import RollPrior, with_roll
-from snakeslam.estimation.measurements.zero_velocity import REST_NS, Rest, RestDetector
+from snakeslam.estimation.measurements.zero_velocity import STATIONARY_NS, StationaryDetector, StationaryPeriod
 from snakeslam.estimation.settings import EstimatorSettings
 from snakeslam.estimation.vio.published import frame_estimate
 from snakeslam.estimation.vio.relocalisation import Relocaliser
-from snakeslam.estimation.vio.starting import AT_REST, FrameFeatures, Starter
+from snakeslam.estimation.vio.starting import STATIONARY_START, FrameFeatures, Starter
 from snakeslam.estimation.vio.window import SensorModel, SlidingWindow, WindowUpdate
 from snakeslam.geometry import se3, so3
 from snakeslam.messages import CameraFrame, Float, Health, ImuSample, JointState, MapTie, Packet, Verdict
@@ -48,7 +48,7 @@ MAX_RESTART_SIGMA_M = 0.3
 class FeatureSource(Protocol):
     """What tracks features: the front-end, or a simulation of one."""
 
-    def process(self, frame: CameraFrame, T_C1C0: Float, doubted: bool = False) -> FrontendFrame:
+    def process(self, frame: CameraFrame, T_C1C0: Float, doubted: bool = False) -> TrackedFeatures:
         """Return the features of ``frame``, given about how the camera has moved since, which may be ``doubted``."""
         ...
 
@@ -66,7 +66,7 @@ class VisualInertialOdometry:
         rig: SensorRig,
         seed: int,
         frontend: FeatureSource | None = None,
-        gait: GaitAid | None = None,
+        gait: GaitSensor | None = None,
     ) -> None:
         if rig.imu0 is None:
             mode = "vio" if gait is None else "fused"
@@ -80,7 +80,7 @@ class VisualInertialOdometry:
         )
         self._imu = ImuBuffer(rig.imu0)
         self._gait = gait
-        self._stationary_detector = RestDetector(rig.imu0, camera.focal_px)
+        self._stationary_detector = StationaryDetector(rig.imu0, camera.focal_px)
         self._roll_prior = RollPrior()
         self._relocaliser = Relocaliser(settings, rig.cam0, seed)
         self._starter = Starter(settings, self._model)
@@ -106,7 +106,7 @@ class VisualInertialOdometry:
         if isinstance(packet, ImuSample):
             self._imu.add(packet)
         elif isinstance(packet, JointState) and self._gait is not None:
-            self._gait.take(packet)
+            self._gait.add(packet)
         return self._process_frame(packet) if isinstance(packet, CameraFrame) else None
 
     # -- The algorithm ------------------------------------------------------------------------------------------------
@@ -141,7 +141,9 @@ class VisualInertialOdometry:
 
         # 4. Gait. The displacement R_k^T (p - p_k) of the head since the last frame, from the joints and the balance of
         #    friction between all links and the ground.
-        displacement = self._gait.tell(state, self._imu, t_ns, features.frozen) if self._gait is not None else None
+        displacement = (
+            self._gait.displacement(state, self._imu, t_ns, features.frozen) if self._gait is not None else None
+        )
 
         # 5. Zero velocity. v = 0, p = p_0, R = R_0 where image, IMU and gait agree that the head is stationary.
         stationary = self._detect_stationary(observed, window, displacement, last_ns)
@@ -154,8 +156,8 @@ class VisualInertialOdometry:
         # 7. Support. Enough features agree with the state, or the gait holds it while the camera sees nothing.
         evidence = self._weigh(observed, state, update, stationary is not None, gap_s, doubt)
         if self._gait is not None:
-            holds = self._gait.hear(update.carried, supports(evidence, limits))
-            evidence = replace(evidence, gait_holds=holds, gait_faults=self._gait.reasons)
+            holds = self._gait.learn(update.filter_displacement, supports(evidence, limits))
+            evidence = replace(evidence, gait_supports=holds, gait_faults=self._gait.reasons)
             limits = limits.model_copy(update={"max_blind_s": self._gait.settings.max_blind_s}) if holds else limits
 
         # 8. Relocalisation. After a blind time the position is measured against a keyframe K, p = p_K + R_K p_KI. A map
@@ -169,7 +171,7 @@ class VisualInertialOdometry:
             evidence = replace(evidence, blind_s=0.0)
 
         # 9. Verdict. A lost filter publishes no pose and starts anew from its last trusted position.
-        self._imu.forget_before(min(state.t_ns - REST_NS, self._image_ns or state.t_ns))
+        self._imu.forget_before(min(state.t_ns - STATIONARY_NS, self._image_ns or state.t_ns))
         health = judge(evidence, limits)
         if health.verdict is Verdict.LOST:
             self._reset(state)
@@ -181,16 +183,16 @@ class VisualInertialOdometry:
     # -- Time ---------------------------------------------------------------------------------------------------------
 
     @property
-    def mount(self) -> tuple[Mount, Float] | None:
+    def extrinsics(self) -> tuple[Extrinsics, Float] | None:
         """The filter's estimate of the camera's extrinsics and clock, with its covariance; None while they are held."""
         state = self._window.state if self._window is not None else None
-        if state is None or state.mount is None:
+        if state is None or state.extrinsics is None:
             return None
-        return state.mount, state.cov[CORE : state.camera_place.stop, CORE : state.camera_place.stop].copy()
+        return state.extrinsics, state.cov[CORE : state.extrinsics_part.stop, CORE : state.extrinsics_part.stop].copy()
 
     def _estimated_offset_ns(self) -> int:
         """Return the estimate of the camera's time offset beyond its calibration."""
-        return 0 if self.mount is None else round(self.mount[0].offset_s * 1e9)
+        return 0 if self.extrinsics is None else round(self.extrinsics[0].offset_s * 1e9)
 
     def _refuse_by_time(self, frame: CameraFrame, t_ns: int) -> FrameEstimate | None:
         """Return what is published of a frame from the past, or far ahead of the IMU; None for every other."""
@@ -226,7 +228,7 @@ class VisualInertialOdometry:
         With a state T_C1C0 = (T_WI T_IC)^-1 T_WI0 T_IC, from the newest clone I0; without one only the rotation is
         known, prod exp((w - b_g) dt) by the gyro, or the roll that the gait is to give the head.
         """
-        extrinsics = self.mount[0] if self.mount is not None else self._model.rows
+        extrinsics = self.extrinsics[0] if self.extrinsics is not None else self._model.camera
         T_IC = se3.from_rt(extrinsics.R_IC, extrinsics.p_IC)
         if self._window is not None and len(self._window.state.clones):
             state = self._window.state
@@ -243,16 +245,16 @@ class VisualInertialOdometry:
         return se3.inv(T_IC) @ se3.from_rt(R_I0I1.T, np.zeros(3)) @ T_IC
 
     def _detect_stationary(
-        self, observed: FrameFeatures, window: SlidingWindow, displacement: GaitWay | None, last_ns: int | None
-    ) -> Rest | None:
+        self, observed: FrameFeatures, window: SlidingWindow, displacement: GaitDisplacement | None, last_ns: int | None
+    ) -> StationaryPeriod | None:
         """Return the evidence that the head is stationary; None when image, IMU, filter or gait see it move.
 
         A head that is held still on a crawling body looks stationary to image and IMU; the filter's mean velocity and
         the gait know better. In a tremor since the start that velocity is the tremor's, and does not count.
         """
         state, t_ns = window.state, observed.t_ns
-        stationary = self._stationary_detector.see(
-            t_ns, observed.features, self._imu.recent(t_ns - REST_NS), state.bias_g
+        stationary = self._stationary_detector.update(
+            t_ns, observed.features, self._imu.recent(t_ns - STATIONARY_NS), state.bias_g
         )
         window.add_vibration(self._stationary_detector.tremor_m_s2, t_ns - (last_ns or t_ns))
         share = min(1.0, (t_ns - self._v_mean_ns) / MEAN_VELOCITY_NS)
@@ -265,7 +267,10 @@ class VisualInertialOdometry:
 
     @staticmethod
     def _correct(
-        window: SlidingWindow, features: FrontendFrame, stationary: Rest | None, displacement: GaitWay | None
+        window: SlidingWindow,
+        features: TrackedFeatures,
+        stationary: StationaryPeriod | None,
+        displacement: GaitDisplacement | None,
     ) -> WindowUpdate:
         """Update the window; an image that repeats the one before measures nothing, and the rest is used alone."""
         if not features.frozen:
@@ -286,16 +291,16 @@ class VisualInertialOdometry:
         """Return what camera and IMU say for and against the state."""
         features = observed.features
         return Evidence(
-            followed=features.followed,
+            tracked=features.tracked,
             rejected=len(features.rejected_ids),
             agreement=Agreement.of(update.innovations),
             cov_v=state.cov[V, V],
             blind_s=(observed.t_ns - self._supported_ns) / 1e9,
             frozen=features.frozen,
-            resting=stationary,
+            stationary=stationary,
             imu_gap_s=gap_s,
-            imu_doubts=doubt.words if doubt is not None else (),
-            bad_samples=self._imu.take_bad_count(),
+            imu_doubts=doubt.reasons if doubt is not None else (),
+            bad_samples=self._imu.pop_bad_count(),
         )
 
     # -- Maps, starts, resets -----------------------------------------------------------------------------------------
@@ -332,7 +337,7 @@ class VisualInertialOdometry:
 
     def _try_to_start(self, frame: CameraFrame, observed: FrameFeatures, gap_s: float) -> FrameEstimate:
         """Start from a stationary or a moving head once the last frames allow it; the first pose defines W."""
-        bad = self._imu.take_bad_count()
+        bad = self._imu.pop_bad_count()
         started = self._starter.try_to_start(observed, self._imu)
         if self._starter.bias_g is not None:
             self._bias_g = self._starter.bias_g
@@ -355,8 +360,8 @@ class VisualInertialOdometry:
         elif self._relocaliser.island:
             events = (event, NEW_MAP)
         state.make_origin(*self._origin)
-        if event == AT_REST:
+        if event == STATIONARY_START:
             self._stationary_detector.begin(observed.t_ns, observed.features)
         self._bias_g, self._supported_ns = state.bias_g, observed.t_ns
-        health = Health(Verdict.GOOD, (), observed.features.followed)
+        health = Health(Verdict.GOOD, (), observed.features.tracked)
         return frame_estimate(frame, observed, state, health, events, self._shift_ns, self._relocaliser.island)

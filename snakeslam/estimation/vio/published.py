@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from snakeslam.estimation.base import FrameEstimate
 from snakeslam.estimation.filter.state import State
-from snakeslam.estimation.frontend.tracking import FrontendFrame
+from snakeslam.estimation.frontend.tracking import TrackedFeatures
 from snakeslam.estimation.health import in_map
 from snakeslam.estimation.vio.starting import FrameFeatures
 from snakeslam.geometry import se3
@@ -31,13 +31,13 @@ def frame_estimate(
         cov = state.cov[POSE_AND_VELOCITY, POSE_AND_VELOCITY].copy()
         pose = PoseEstimate(state.t_ns - shift_ns, state.T_WI, state.v_W.copy(), cov, health)
     px, ids, inliers = _overlay(observed.features if observed is not None else None)
-    mount = None if state is None else state.mount
-    T_IC = None if mount is None else se3.from_rt(mount.R_IC, mount.p_IC)
+    extrinsics = None if state is None else state.extrinsics
+    T_IC = None if extrinsics is None else se3.from_rt(extrinsics.R_IC, extrinsics.p_IC)
     return FrameEstimate(frame.t_ns, frame.seq, pose, health, px, ids, inliers, events, T_IC, island, tie)
 
 
 def _overlay(
-    features: FrontendFrame | None,
+    features: TrackedFeatures | None,
 ) -> tuple[NDArray[np.float32], NDArray[np.int64], NDArray[np.bool_]]:
     if features is None:
         return np.empty((0, 2), np.float32), np.empty(0, np.int64), np.empty(0, bool)

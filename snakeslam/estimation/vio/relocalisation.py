@@ -14,15 +14,15 @@ import numpy as np
 
 from snakeslam.calibration import CameraCalibration
 from snakeslam.estimation.filter.gating import Innovation
-from snakeslam.estimation.filter.ieskf import PlainRows
+from snakeslam.estimation.filter.ieskf import DirectMeasurement
 from snakeslam.estimation.filter.state import P, State
-from snakeslam.estimation.frontend.tracking import FrontendFrame
+from snakeslam.estimation.frontend.tracking import TrackedFeatures
 from snakeslam.estimation.imaging.camera import PinholeCamera
-from snakeslam.estimation.orb_map.keyframe_map import VisualMap
-from snakeslam.estimation.orb_map.matching import NOTHING, Matcher
+from snakeslam.estimation.orb_map.keyframe_map import OrbMap
+from snakeslam.estimation.orb_map.matching import NO_PAIRS, Matcher
 from snakeslam.estimation.orb_map.orb import OrbExtractor
 from snakeslam.estimation.orb_map.pnp import PoseFit
-from snakeslam.estimation.orb_map.view import Match, View, look
+from snakeslam.estimation.orb_map.view import Match, View, extract_view
 from snakeslam.estimation.settings import EstimatorSettings
 from snakeslam.geometry import se3, so3
 from snakeslam.messages import CameraFrame, Float, MapTie
@@ -61,7 +61,7 @@ class ImageKeyframe:
 
 
 @dataclass(slots=True)
-class MeasuredPosition(PlainRows):
+class MeasuredPosition(DirectMeasurement):
     """Rows p_WI = p of a position measured against a keyframe: ``T_WI`` (4, 4), the position's covariance (3, 3)."""
 
     T_WI: Float
@@ -109,9 +109,9 @@ class Keyframes:
         self._tried = 0
         self.island = 0
 
-    def add(self, frame: CameraFrame, features: FrontendFrame, state: State) -> None:
+    def add(self, frame: CameraFrame, features: TrackedFeatures, state: State) -> None:
         """Add a frame with depth and little motion blur whose pose differs from those of all keyframes."""
-        if frame.depth_m is None or features.smear * self._camera.focal_px > MAX_BLUR_PX:
+        if frame.depth_m is None or features.motion_blur_rad * self._camera.focal_px > MAX_BLUR_PX:
             return
         if self._present and self._apart(state.T_WI).min() < 1.0:
             return
@@ -168,14 +168,14 @@ class Keyframes:
         return np.asarray(np.maximum(moved_m / APART_M, np.arccos(np.clip(cosine, -1.0, 1.0)) / APART_RAD))
 
     def _extract(self, frame: CameraFrame) -> View:
-        return look(frame, self._orb, self._camera, self._settings.noise, 0.0)
+        return extract_view(frame, self._orb, self._camera, self._settings.noise, 0.0)
 
     def _match(self, keyframe: ImageKeyframe, view: View, t_ns: int, predicted_WI: Float | None) -> PoseFit | None:
         """Return T_I0I and its covariance, searched near a predicted pose, or by descriptors alone without one."""
         if keyframe.view is None:
             keyframe.view = self._extract(keyframe.frame)
-        known = VisualMap(self._settings.relocalisation)
-        known.add_keyframe(np.eye(4), np.zeros((6, 6)), keyframe.view, NOTHING.feature, NOTHING.point)
+        known = OrbMap(self._settings.relocalisation)
+        known.add_keyframe(np.eye(4), np.zeros((6, 6)), keyframe.view, NO_PAIRS.feature, NO_PAIRS.point)
         if predicted_WI is None:
             return self._fit(self._matcher.anywhere(view, known), self._settings.relocalisation.relocalise_inliers)
         T_I0I = se3.inv(keyframe.T_WI) @ predicted_WI
@@ -185,7 +185,7 @@ class Keyframes:
 
     def _fit(self, match: Match | None, min_inliers: int) -> PoseFit | None:
         """Return the motion T_I0I of the IMU, T_IC T_C0C T_CI, by a match with enough inliers."""
-        if match is None or match.agreeing < max(min_inliers, MIN_INLIER_SHARE * len(match.fit.inliers)):
+        if match is None or match.inlier_count < max(min_inliers, MIN_INLIER_SHARE * len(match.fit.inliers)):
             return None
         Ad = se3.adjoint(self._T_IC)
         T_I0I = self._T_IC @ match.fit.T_WC @ se3.inv(self._T_IC)
@@ -216,7 +216,7 @@ class Relocaliser:
         self._since_tie = 0
 
     def update(
-        self, frame: CameraFrame, features: FrontendFrame, state: State, blind_s: float
+        self, frame: CameraFrame, features: TrackedFeatures, state: State, blind_s: float
     ) -> MeasuredPosition | None:
         """Take a frame that supports the state after ``blind_s`` without support; return an informative position."""
         if blind_s >= BLIND_S:
@@ -249,10 +249,10 @@ class Relocaliser:
         """Number of the map that the state is in: 0 for the first one and all that is tied to it."""
         return self._keyframes.island
 
-    def find_old_map(self, frame: CameraFrame, features: FrontendFrame) -> MeasuredPosition | None:
+    def find_old_map(self, frame: CameraFrame, features: TrackedFeatures) -> MeasuredPosition | None:
         """Return the position of a frame of an unconnected map in an earlier map; None for most frames."""
         self._since_tie += 1
-        sharp = features.smear * self._keyframes.focal_px <= MAX_BLUR_PX
+        sharp = features.motion_blur_rad * self._keyframes.focal_px <= MAX_BLUR_PX
         if self.island == 0 or self._since_tie < TIE_EVERY_FRAMES or not sharp:
             return None
         self._since_tie = 0

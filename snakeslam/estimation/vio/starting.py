@@ -8,20 +8,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from snakeslam.estimation.filter.preintegration import ImuBuffer
-from snakeslam.estimation.frontend.tracking import FrontendFrame
+from snakeslam.estimation.frontend.tracking import TrackedFeatures
 from snakeslam.estimation.frontend.tracks import TrackTable
 from snakeslam.estimation.settings import EstimatorSettings
 from snakeslam.estimation.start.moving import start_moving
 from snakeslam.estimation.start.plausibility import UNEXPLAINED, accelerometer_fault, gyro_fault, image_rotation
-from snakeslam.estimation.start.still import TREMOR_S, Stationary, start_still
+from snakeslam.estimation.start.stationary import TREMOR_S, StationaryImage, start_stationary
 from snakeslam.estimation.vio.window import ENOUGH_WITH_DEPTH, SensorModel, SlidingWindow
 from snakeslam.geometry.median import median
 from snakeslam.messages import Float
 
-AT_REST, IN_MOTION = "initialised at rest", "initialised in motion"
-STILL_PX, TREMOR_PX = 0.3, 3.0
+STATIONARY_START, MOVING_START = "initialised, stationary", "initialised, in motion"
+STATIONARY_PX, TREMOR_PX = 0.3, 3.0
 """Median motion of the features that a stationary camera may have: between two frames, and within STILL_WINDOW_NS."""
-STILL_WINDOW_NS = 450_000_000
+STATIONARY_WINDOW_NS = 450_000_000
 MIN_COMMON = 10
 """Features that two frames must share for their median motion to count."""
 MOVING_START_NS = 700_000_000
@@ -40,7 +40,7 @@ class FrameFeatures:
     """One frame's features at its time on the IMU's clock."""
 
     t_ns: int
-    features: FrontendFrame
+    features: TrackedFeatures
 
 
 class Starter:
@@ -51,7 +51,7 @@ class Starter:
         self._model = model
         self._max_gap_s = max(settings.health.max_imu_gap_s, MISSED_SAMPLES / model.noise.update_rate)
         self._history: list[FrameFeatures] = []
-        self._still_since = 0
+        self._stationary_since = 0
         """Index into the history: since that frame the image has not moved."""
         self.bias_g: Float | None = None
         """Mean gyro rate since the frame before, (3,) rad/s, where the image did not move: about the gyro's bias."""
@@ -75,13 +75,13 @@ class Starter:
             covered_ns -= round(MISSED_SAMPLES / self._model.noise.update_rate * 1e9)
             self._forget_before(max(observed.t_ns - MOVING_MEMORY_NS, covered_ns))
         if not self._history:
-            imu.forget_before(observed.t_ns - STILL_WINDOW_NS)
+            imu.forget_before(observed.t_ns - STATIONARY_WINDOW_NS)
             return None
-        imu.forget_before(self._history[0].t_ns - STILL_WINDOW_NS)
+        imu.forget_before(self._history[0].t_ns - STATIONARY_WINDOW_NS)
         self._update_stationary_time(imu)
         if self._find_fault(observed, imu):
             return None
-        return self._start_still(observed, imu) or self._start_moving(observed, imu)
+        return self._start_stationary(observed, imu) or self._start_moving(observed, imu)
 
     def _find_fault(self, observed: FrameFeatures, imu: ImuBuffer) -> bool:
         """Check units, signs and axes of the IMU; return whether no start is possible with them."""
@@ -97,7 +97,7 @@ class Starter:
 
     def _gyro_fault(self, imu: ImuBuffer) -> str | None:
         """Compare the gyro's rotation with the image's, over spans of the history."""
-        R_CI, history = self._model.rows.R_IC.T, self._history
+        R_CI, history = self._model.camera.R_IC.T, self._history
         stride = max(1, len(history) // 6)
         by_image: list[Float] = []
         by_gyro: list[Float] = []
@@ -121,34 +121,34 @@ class Starter:
         """Try the start in motion with the accelerometer's sign reversed."""
         model, times = self._model, [past.t_ns for past in self._history]
         gravity = self._settings.gravity_m_s2
-        state = start_moving(self._table(), times, imu, model.rows, model.noise, gravity, accel_sign=-1.0)
+        state = start_moving(self._table(), times, imu, model.camera, model.noise, gravity, accel_sign=-1.0)
         return None if state is None else "the image moves against the accelerometer: is its sign reversed?"
 
     def _forget_before(self, t_ns: int) -> None:
         kept = [s for s in self._history if s.t_ns >= t_ns]
-        self._still_since = max(0, self._still_since - (len(self._history) - len(kept)))
+        self._stationary_since = max(0, self._stationary_since - (len(self._history) - len(kept)))
         self._history = kept
 
     def _update_stationary_time(self, imu: ImuBuffer) -> None:
         """Find since when the image has not moved; the gyro's rotation is not removed from that motion."""
         self.bias_g = None
         if len(self._history) < 2:
-            self._still_since = 0
+            self._stationary_since = 0
             return
         last, before = self._history[-1], self._history[-2]
         newest = len(self._history) - 1
         step_px = self._moved_px(before, last)
         if step_px is None or step_px > TREMOR_PX:
-            self._still_since = newest
+            self._stationary_since = newest
             return
         between = [s.gyro_I for s in imu.recent(before.t_ns) if s.t_ns <= last.t_ns]
         self.bias_g = np.mean(between, axis=0) if between else None
-        while self._still_since < newest:
-            moved_px = self._moved_px(self._history[self._still_since], last)
-            long = last.t_ns - self._history[self._still_since].t_ns > STILL_WINDOW_NS
+        while self._stationary_since < newest:
+            moved_px = self._moved_px(self._history[self._stationary_since], last)
+            long = last.t_ns - self._history[self._stationary_since].t_ns > STATIONARY_WINDOW_NS
             if not long and moved_px is not None and moved_px <= TREMOR_PX:
                 break
-            self._still_since += 1
+            self._stationary_since += 1
 
     def _moved_px(self, before: FrameFeatures, now: FrameFeatures) -> float | None:
         """Return the median motion in px of the features that two frames share; None when they are too few."""
@@ -161,24 +161,24 @@ class Starter:
         step = b.xy[at] - a.xy[then]
         return median(np.hypot(step[:, 0], step[:, 1])) * self._model.focal_px
 
-    def _start_still(self, observed: FrameFeatures, imu: ImuBuffer) -> tuple[SlidingWindow, str] | None:
-        since = self._history[self._still_since]
+    def _start_stationary(self, observed: FrameFeatures, imu: ImuBuffer) -> tuple[SlidingWindow, str] | None:
+        since = self._history[self._stationary_since]
         moved_px = self._moved_px(since, observed)
         age_s = (observed.t_ns - since.t_ns) / 1e9
-        if since is observed or moved_px is None or (moved_px > STILL_PX and age_s < TREMOR_S):
+        if since is observed or moved_px is None or (moved_px > STATIONARY_PX and age_s < TREMOR_S):
             return None
         recent = [s for s in imu.recent(since.t_ns) if s.t_ns <= observed.t_ns]
-        stationary = Stationary(age_s, moved_px / self._model.focal_px)
-        state = start_still(recent, observed.t_ns, self._settings.gravity_m_s2, self._model.noise, stationary)
-        return None if state is None else (SlidingWindow(state, self._settings, self._model), AT_REST)
+        stationary = StationaryImage(age_s, moved_px / self._model.focal_px)
+        state = start_stationary(recent, observed.t_ns, self._settings.gravity_m_s2, self._model.noise, stationary)
+        return None if state is None else (SlidingWindow(state, self._settings, self._model), STATIONARY_START)
 
     def _may_be_stationary(self, observed: FrameFeatures) -> bool:
         """Return whether the image may be that of a stationary head, for which the time is not long enough yet.
 
         With depth a start in motion needs less time than that, and would fit a motion to the noise.
         """
-        since = self._history[self._still_since]
-        return self._still_since == 0 and observed.t_ns - since.t_ns < TREMOR_S * 1e9
+        since = self._history[self._stationary_since]
+        return self._stationary_since == 0 and observed.t_ns - since.t_ns < TREMOR_S * 1e9
 
     def _start_moving(self, observed: FrameFeatures, imu: ImuBuffer) -> tuple[SlidingWindow, str] | None:
         if self.waits_long and self._waited_frames % FRAMES_PER_DOUBT:
@@ -191,7 +191,7 @@ class Starter:
             return None
         times = [past.t_ns for past in self._history]
         model = self._model
-        state = start_moving(self._table(), times, imu, model.rows, model.noise, self._settings.gravity_m_s2)
+        state = start_moving(self._table(), times, imu, model.camera, model.noise, self._settings.gravity_m_s2)
         if state is None:
             return None
         fault = self._gyro_fault(imu)
@@ -203,10 +203,10 @@ class Starter:
         for past in self._history[:-1]:
             window.propagate(imu.segments(window.state.t_ns, past.t_ns), past.t_ns, 0.0)
             window.correct(past.features)
-        return window, IN_MOTION
+        return window, MOVING_START
 
     def _table(self) -> TrackTable:
         tracks = TrackTable()
         for past in self._history:
-            tracks.observe(past.features.ids, past.features.xy, past.features.depth_m, past.features.smear)
+            tracks.add_frame(past.features.ids, past.features.xy, past.features.depth_m, past.features.motion_blur_rad)
         return tracks

@@ -10,19 +10,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from snakeslam.calibration import CameraCalibration, ImuCalibration
-from snakeslam.estimation.filter.extrinsics import RATE_SPAN_S, free_mount, motion_by_time, motion_of_rows
+from snakeslam.estimation.filter.extrinsics import RATE_SPAN_S, initial_extrinsics, pose_rate, readout_flow
 from snakeslam.estimation.filter.gating import Innovation
 from snakeslam.estimation.filter.ieskf import Measurement, update
 from snakeslam.estimation.filter.imu_doubt import SILENT_ACCEL_M_S2, SILENT_RATE_RAD_S, MotionDoubt
 from snakeslam.estimation.filter.preintegration import ImuSegments, preintegrate
 from snakeslam.estimation.filter.state import BIAS_G, State, V
-from snakeslam.estimation.frontend.tracking import FrontendFrame
+from snakeslam.estimation.frontend.tracking import TrackedFeatures
 from snakeslam.estimation.frontend.tracks import TrackTable, among
-from snakeslam.estimation.gait.rows import Carried, GaitRows, GaitWay
-from snakeslam.estimation.measurements.camera import CameraRows, Observations
-from snakeslam.estimation.measurements.landmarks import Sightings
-from snakeslam.estimation.measurements.projected_tracks import Features, promote
-from snakeslam.estimation.measurements.zero_velocity import AtRest, Rest
+from snakeslam.estimation.gait.measurement import FilterDisplacement, GaitDisplacement, GaitMeasurement
+from snakeslam.estimation.measurements.camera import Observations, ReprojectionModel
+from snakeslam.estimation.measurements.landmarks import LandmarkObservations
+from snakeslam.estimation.measurements.projected_tracks import ProjectedTracks, promote
+from snakeslam.estimation.measurements.zero_velocity import StationaryPeriod, ZeroVelocity
 from snakeslam.estimation.settings import EstimatorSettings
 from snakeslam.estimation.vio.relocalisation import MeasuredPosition
 from snakeslam.geometry.median import median
@@ -40,7 +40,7 @@ ENOUGH_WITH_DEPTH = 20
 class SensorModel:
     """What the filter assumes of sensors and world: camera, its focal length in px, IMU noise, gravity (3,)."""
 
-    rows: CameraRows
+    camera: ReprojectionModel
     noise: ImuCalibration
     gravity_W: Float
     focal_px: float
@@ -59,9 +59,9 @@ class SensorModel:
             }
         )
         T_IC = cam0.T_IC
-        rows = CameraRows(T_IC[:3, :3], T_IC[:3, 3], settings.noise.pixel_px / focal_px, settings.noise)
+        camera = ReprojectionModel(T_IC[:3, :3], T_IC[:3, 3], settings.noise.pixel_px / focal_px, settings.noise)
         gravity_W = np.array([0.0, 0.0, -settings.gravity_m_s2])
-        return SensorModel(rows, noise, gravity_W, focal_px, cam0)
+        return SensorModel(camera, noise, gravity_W, focal_px, cam0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,12 +70,12 @@ class WindowUpdate:
 
     refused: NDArray[np.int64]
     innovations: tuple[Innovation, ...]
-    carried: Carried | None = None
+    filter_displacement: FilterDisplacement | None = None
 
     @staticmethod
-    def none(carried: Carried | None = None) -> "WindowUpdate":
+    def none(filter_displacement: FilterDisplacement | None = None) -> "WindowUpdate":
         """Return the result of a frame without an image of its own."""
-        return WindowUpdate(np.empty(0, np.int64), (), carried)
+        return WindowUpdate(np.empty(0, np.int64), (), filter_displacement)
 
 
 class SlidingWindow:
@@ -89,9 +89,9 @@ class SlidingWindow:
         self._rate: tuple[Float, float] | None = None
         """Mean angular rate at the end of the last IMU span, (3,) rad/s, and its sigma."""
         self._doubted = False
-        freed = free_mount(model.cam0, settings.calibration)
+        freed = initial_extrinsics(model.cam0, settings.calibration)
         if freed is not None:
-            state.free_mount(*freed)
+            state.add_extrinsics(*freed)
 
     # -- Propagation --------------------------------------------------------------------------------------------------
 
@@ -108,39 +108,46 @@ class SlidingWindow:
         state.propagate(preintegrate(span, state.bias_g, state.bias_a, model.noise), t_ns, model.gravity_W)
         self._doubted = doubt is not None
         if doubt is not None:
-            state.widen_motion(doubt.theta_rad**2, doubt.variance_v, doubt.lag_s)
+            state.inflate_motion(doubt.theta_rad**2, doubt.variance_v, doubt.lag_s)
         if gap_s > self._settings.health.max_imu_gap_s:
             silent_s = min(gap_s, float(span.dt_s.sum()))
-            state.widen_motion((SILENT_RATE_RAD_S * silent_s) ** 2, (SILENT_ACCEL_M_S2 * silent_s) ** 2, 0.5 * silent_s)
+            state.inflate_motion(
+                (SILENT_RATE_RAD_S * silent_s) ** 2, (SILENT_ACCEL_M_S2 * silent_s) ** 2, 0.5 * silent_s
+            )
 
     def add_vibration(self, spread_m_s2: float, dt_ns: int) -> None:
         """Widen the velocity by a vibration of ``dt_ns``: white in each sample, sigma_v^2 = sigma_a^2 dt / f_IMU."""
         variance = spread_m_s2**2 / self._model.noise.update_rate * dt_ns * 1e-9
         if variance > 0.0:
-            self.state.widen(V, variance)
+            self.state.inflate(V, variance)
 
     # -- Correction ---------------------------------------------------------------------------------------------------
 
     def correct(
-        self, frame: FrontendFrame, stationary: Rest | None = None, displacement: GaitWay | None = None
+        self,
+        frame: TrackedFeatures,
+        stationary: StationaryPeriod | None = None,
+        displacement: GaitDisplacement | None = None,
     ) -> WindowUpdate:
         """Correct the state by the features of a frame at the state's time, zero velocity and the gait."""
         state, tracks, settings = self.state, self._tracks, self._settings
 
         # 1. Clone the pose: x <- (x, T_WI), P <- J P J^T. Landmarks whose feature is no longer tracked leave the state.
-        motion = self._motion_by_time()
+        motion = self._pose_rate()
         state.add_clone(motion)
         state.keep_landmarks(among(state.landmarks.ids, frame.ids))
 
         # 2. A tracked feature drifts over its surface from frame to frame, an error that no averaging removes:
         #    P_landmark += (sigma_drift / f |p - p_WI|)^2 I.
         range_m = np.linalg.norm(state.landmarks.p_W - state.p_WI, axis=1)
-        state.widen_landmarks((settings.noise.track_drift_px / self._model.focal_px * range_m) ** 2)
+        state.inflate_landmarks((settings.noise.track_drift_px / self._model.focal_px * range_m) ** 2)
 
         # 3. Features that are no landmarks go into the table of tracks, with the image motion of the rolling shutter.
         flow = self._readout_flow(frame, motion)
         is_track = ~among(frame.ids, state.landmarks.ids)
-        tracks.observe(frame.ids[is_track], frame.xy[is_track], frame.depth_m[is_track], frame.smear, flow[is_track])
+        tracks.add_frame(
+            frame.ids[is_track], frame.xy[is_track], frame.depth_m[is_track], frame.motion_blur_rad, flow[is_track]
+        )
 
         # 4. Choose the tracks to use: those that ended, those that the leaving clone sees, those to become landmarks.
         #    After doubtful IMU samples all of them, for the camera decides then.
@@ -154,13 +161,13 @@ class SlidingWindow:
         landmarks, of_landmarks = self._gated_landmarks(frame, flow)
         measurements: list[Measurement] = [m for m in (features, landmarks) if len(m)]
         measurements += self._zero_velocity(stationary, True)
-        gait = GaitRows.of(displacement, len(state.clones) - 2) if displacement is not None else None
+        gait = GaitMeasurement.of(displacement, len(state.clones) - 2) if displacement is not None else None
         gated_gait = gait.gated(state, settings.gait.max_inflation) if gait is not None else None
         measurements += [gated_gait] if gated_gait is not None else []
 
         # 6. Iterated update, Eq. (41), with all of them.
         update(state, measurements, settings.max_iterations)
-        carried = gait.carried(state, gated_gait is not None) if gait is not None else None
+        filter_displacement = gait.filter_displacement(state, gated_gait is not None) if gait is not None else None
 
         # 7. Long tracks with depth become landmarks while there is room; features that failed their gate are dropped.
         self._make_landmarks(features, tracks.ids[used])
@@ -169,21 +176,21 @@ class SlidingWindow:
         # 8. Marginalise: forget the used tracks, and the clone that leaves a full window.
         tracks.keep(~(ended | used))
         if leaving is not None:
-            tracks.forget_column(leaving)
+            tracks.drop_clone(leaving)
             state.drop_clone(leaving)
-        return WindowUpdate(refused, (of_landmarks, of_tracks), carried)
+        return WindowUpdate(refused, (of_landmarks, of_tracks), filter_displacement)
 
-    def correct_stationary(self, stationary: Rest) -> None:
+    def correct_stationary(self, stationary: StationaryPeriod) -> None:
         """Correct by zero velocity alone, at a time without an image of its own."""
         update(self.state, self._zero_velocity(stationary, False), self._settings.max_iterations)
 
-    def correct_gait(self, displacement: GaitWay) -> WindowUpdate:
+    def correct_gait(self, displacement: GaitDisplacement) -> WindowUpdate:
         """Correct by the gait's velocity alone, R^T v = v_I, at a time without an image of its own."""
-        rows = GaitRows.of(displacement, None)
-        gated = rows.gated(self.state, self._settings.gait.max_inflation)
+        measurement = GaitMeasurement.of(displacement, None)
+        gated = measurement.gated(self.state, self._settings.gait.max_inflation)
         if gated is not None:
             update(self.state, [gated], self._settings.max_iterations)
-        return WindowUpdate.none(rows.carried(self.state, gated is not None))
+        return WindowUpdate.none(measurement.filter_displacement(self.state, gated is not None))
 
     def correct_position(self, position: MeasuredPosition) -> bool:
         """Correct by a position that was recognised; return whether it passed its gate."""
@@ -194,48 +201,50 @@ class SlidingWindow:
 
     # -- Measurements -------------------------------------------------------------------------------------------------
 
-    def _zero_velocity(self, stationary: Rest | None, has_clone: bool) -> list[AtRest]:
+    def _zero_velocity(self, stationary: StationaryPeriod | None, has_clone: bool) -> list[ZeroVelocity]:
         if stationary is None:
             return []
-        rows = AtRest.of(stationary, self.state, has_clone)
-        return [rows] if rows.innovation(self.state).accepted.all() else []
+        measurement = ZeroVelocity.of(stationary, self.state, has_clone)
+        return [measurement] if measurement.innovation(self.state).accepted.all() else []
 
-    def _motion_by_time(self) -> Float | None:
+    def _pose_rate(self) -> Float | None:
         """Return the rate of the pose with time, d(theta, p)/dt (6,), for the camera's time offset; None at a start."""
         state = self.state
         if self._rate is None:
             return None
         rate_I, sigma = self._rate
         cov_rate = state.cov[BIAS_G, BIAS_G] + np.eye(3) * sigma**2
-        return motion_by_time(rate_I - state.bias_g, cov_rate, state.v_W, state.cov[V, V])
+        return pose_rate(rate_I - state.bias_g, cov_rate, state.v_W, state.cov[V, V])
 
-    def _readout_flow(self, frame: FrontendFrame, motion: Float | None) -> Float:
+    def _readout_flow(self, frame: TrackedFeatures, motion: Float | None) -> Float:
         """Return how far a rolling shutter's readout of 1 s would move each feature, (N, 2) per second."""
-        mount = self.state.mount
-        if motion is None or mount is None or not mount.frees_readout:
+        extrinsics = self.state.extrinsics
+        if motion is None or extrinsics is None or not extrinsics.estimates_readout:
             return np.zeros((len(frame.ids), 2))
         row_share = frame.px[:, 1] / self._model.cam0.resolution[1]
-        return motion_of_rows(frame.xy, row_share, mount.R_IC.T @ motion[:3])
+        return readout_flow(frame.xy, row_share, extrinsics.R_IC.T @ motion[:3])
 
-    def _gated_landmarks(self, frame: FrontendFrame, flow: Float) -> tuple[Sightings, Innovation]:
+    def _gated_landmarks(self, frame: TrackedFeatures, flow: Float) -> tuple[LandmarkObservations, Innovation]:
         """Return the landmarks in view that pass their gate, and the innovations of all in view."""
-        landmarks, rows = self.state.landmarks, self._model.rows
+        landmarks, camera = self.state.landmarks, self._model.camera
         _, at, index = np.intersect1d(frame.ids, landmarks.ids, assume_unique=True, return_indices=True)
         xyz = np.column_stack([frame.xy[at], frame.depth_m[at]])[:, None]
-        observed = Observations.weighed(xyz, np.ones((len(at), 1), bool), rows, frame.smear, flow[at][:, None])
-        sightings = Sightings(index, observed, rows)
+        observed = Observations.weighted(
+            xyz, np.ones((len(at), 1), bool), camera, frame.motion_blur_rad, flow[at][:, None]
+        )
+        observations = LandmarkObservations(index, observed, camera)
         if not len(at):
-            return sightings, Innovation.none()
-        innovation = sightings.innovation(self.state)
+            return observations, Innovation.none()
+        innovation = observations.innovation(self.state)
         landmarks.rejections[index] = np.where(innovation.accepted, 0, landmarks.rejections[index] + 1)
-        return sightings.pick(innovation.accepted), innovation
+        return observations.pick(innovation.accepted), innovation
 
-    def _gated_tracks(self, chosen: NDArray[np.bool_]) -> tuple[Features, Innovation]:
+    def _gated_tracks(self, chosen: NDArray[np.bool_]) -> tuple[ProjectedTracks, Innovation]:
         """Return the chosen tracks that pass their gate, and the innovations of all of them."""
-        tracks, rows = self._tracks, self._model.rows
+        tracks, camera = self._tracks, self._model.camera
         xyz, seen, flow = tracks.xyz[chosen], tracks.seen[chosen], tracks.flow[chosen]
-        observed = Observations.weighed(xyz, seen, rows, tracks.smear, flow)
-        features = Features.of(tracks.ids[chosen], observed, self.state, rows)
+        observed = Observations.weighted(xyz, seen, camera, tracks.motion_blur_rad, flow)
+        features = ProjectedTracks.of(tracks.ids[chosen], observed, self.state, camera)
         if not len(features):
             return features, Innovation.none()
         innovation = features.innovation(self.state)
@@ -272,14 +281,14 @@ class SlidingWindow:
         used[candidates[np.lexsort((tracks.ids[candidates], -lengths[candidates]))[: max(0, room)]]] = True
         return used
 
-    def _make_landmarks(self, features: Features, candidates: NDArray[np.int64]) -> None:
+    def _make_landmarks(self, features: ProjectedTracks, candidates: NDArray[np.int64]) -> None:
         room = self._settings.window.max_landmarks - len(self.state.landmarks)
         chosen = among(features.ids, candidates)
         chosen &= np.cumsum(chosen) <= room
         if chosen.any():
             promote(self.state, features, chosen)
 
-    def _drop_failing(self, with_depth: NDArray[np.int64], features: Features) -> NDArray[np.int64]:
+    def _drop_failing(self, with_depth: NDArray[np.int64], features: ProjectedTracks) -> NDArray[np.int64]:
         """Drop landmarks that fail their gate again; return their ids and those of the refused tracks with depth."""
         landmarks = self.state.landmarks
         failing = landmarks.rejections >= MAX_REJECTIONS

@@ -15,10 +15,10 @@ from snakeslam.estimation.health import NEW_MAP, TIED, in_map
 from snakeslam.estimation.imaging.camera import PinholeCamera
 from snakeslam.estimation.imaging.roll_prior import RollPrior, with_roll
 from snakeslam.estimation.measurements.settings import NoiseSettings
-from snakeslam.estimation.orb_map.keyframe_map import VisualMap
+from snakeslam.estimation.orb_map.keyframe_map import OrbMap
 from snakeslam.estimation.orb_map.matching import Matcher
 from snakeslam.estimation.orb_map.orb import OrbExtractor
-from snakeslam.estimation.orb_map.view import Match, View, look
+from snakeslam.estimation.orb_map.view import Match, View, extract_view
 from snakeslam.estimation.visual.settings import VisualSettings
 from snakeslam.geometry import se3
 from snakeslam.messages import CameraFrame, Float, Health, MapTie, Packet, PoseEstimate, Verdict
@@ -33,7 +33,7 @@ MAX_OLD_MAPS = 4
 """Maps that are not connected to the present one and are kept to find it in them."""
 TIE_EVERY_FRAMES = 10
 """While the present map is not connected, it is sought in the earlier ones every so many frames."""
-NO_PAIRS = np.empty(0, np.int64)
+NO_INDICES = np.empty(0, np.int64)
 BLIND_SIGMA_M_S = 0.5
 BLIND_SIGMA_RAD_S = 1.0
 """Growth of the sigmas of a prediction without an image, per second: about the speeds of the head."""
@@ -72,12 +72,12 @@ class VisualOdometry:
         self._T_CI = rig.cam0.T_CI
         self._orb = OrbExtractor(settings)
         self._matcher = Matcher(settings, self._camera, seed)
-        self._map = VisualMap(settings)
+        self._map = OrbMap(settings)
         self._last: _TrackedPose | None = None
         self._tracked_ns: int | None = None
         self._lost = False
         self._island, self._maps = 0, 0
-        self._old: list[tuple[int, VisualMap]] = []
+        self._old: list[tuple[int, OrbMap]] = []
         """Earlier maps that are not connected to the present one, with their numbers."""
         self._since_tie = 0
         self._roll = RollPrior()
@@ -107,7 +107,7 @@ class VisualOdometry:
 
         # 2. ORB features with depth. Their noise grows with the motion blur of the last rotation rate.
         rate_rad_s = 0.0 if self._last is None else float(np.linalg.norm(self._last.twist[3:]))
-        view = look(frame, self._orb, self._camera, self._noise, rate_rad_s)
+        view = extract_view(frame, self._orb, self._camera, self._noise, rate_rad_s)
         if self._last is None:
             return self._start(frame, view, ())
         last = self._last
@@ -115,9 +115,9 @@ class VisualOdometry:
         # 3. Match the map near the predicted pose T_WC Exp(twist dt) and fit T_WC to the matches; where that gives too
         #    few inliers, match by descriptors alone, wherever the camera may be.
         match = self._matcher.near(view, self._map, self._predict(last, frame.t_ns))
-        if match is None or match.agreeing < self._required:
+        if match is None or match.inlier_count < self._required:
             anywhere = self._matcher.anywhere(view, self._map)
-            if anywhere is not None and anywhere.agreeing >= self._settings.relocalise_inliers:
+            if anywhere is not None and anywhere.inlier_count >= self._settings.relocalise_inliers:
                 match = anywhere
 
         # 4. Reject a pose with few inliers, a large covariance or an implausible motion.
@@ -170,8 +170,8 @@ class VisualOdometry:
             self._old = [*self._old, (self._island, self._map)][-MAX_OLD_MAPS:]
             events = (*events, NEW_MAP)
         self._island, self._maps = self._maps, self._maps + 1
-        self._map = VisualMap(self._settings)
-        self._map.add_keyframe(T_WC, cov, view, NO_PAIRS, NO_PAIRS)
+        self._map = OrbMap(self._settings)
+        self._map.add_keyframe(T_WC, cov, view, NO_INDICES, NO_INDICES)
         self._last = _TrackedPose(frame.t_ns, T_WC, cov, np.zeros(6))
         self._tracked_ns, self._lost = frame.t_ns, False
         return self._estimate(
@@ -188,10 +188,10 @@ class VisualOdometry:
         settings = self._settings
         if match is None:
             return ("nothing in the image matches the map",)
-        if match.agreeing < self._required:
-            return (f"few matches: {match.agreeing}",)
-        if match.agreeing < MIN_SHARE * len(match.point):
-            return (f"matches disagree: {len(match.point) - match.agreeing} rejected",)
+        if match.inlier_count < self._required:
+            return (f"few matches: {match.inlier_count}",)
+        if match.inlier_count < MIN_SHARE * len(match.point):
+            return (f"matches disagree: {len(match.point) - match.inlier_count} rejected",)
         sigma_m = float(np.sqrt(np.trace(match.fit.cov[:3, :3])))
         if not sigma_m < settings.max_sigma_m:
             return (f"the matches leave the position open to {sigma_m:.2f} m",)
@@ -205,8 +205,8 @@ class VisualOdometry:
         # With few inliers the distance from the prediction is bounded by an acceleration, sigma + a dt^2 / 2.
         off_m = float(np.linalg.norm(self._predict(last, frame.t_ns)[:3, 3] - match.fit.T_WC[:3, 3]))
         allowed_m = settings.max_sigma_m + 0.5 * settings.max_acceleration_m_s2 * dt_s**2
-        if match.agreeing < settings.few_inliers and off_m > allowed_m:
-            return (f"few matches, {off_m:.2f} m from where they should be: {match.agreeing}",)
+        if match.inlier_count < settings.few_inliers and off_m > allowed_m:
+            return (f"few matches, {off_m:.2f} m from where they should be: {match.inlier_count}",)
         return ()
 
     def _tie(self, view: View, T_WC: Float) -> tuple[MapTie, Match] | None:
@@ -217,7 +217,9 @@ class VisualOdometry:
         self._since_tie = 0
         for at, (island, known) in enumerate(self._old):
             match = self._matcher.anywhere(view, known)
-            if match is None or match.agreeing < max(self._settings.relocalise_inliers, MIN_SHARE * len(match.point)):
+            if match is None or match.inlier_count < max(
+                self._settings.relocalise_inliers, MIN_SHARE * len(match.point)
+            ):
                 continue
             tie = MapTie(self._island, island, match.fit.T_WC @ se3.inv(T_WC))
             self._map, self._island = known, island
@@ -236,11 +238,11 @@ class VisualOdometry:
 
     def _health(self, match: Match, view: View) -> Health:
         reasons: list[str] = []
-        if match.agreeing < self._settings.few_inliers:
-            reasons.append(f"few matches: {match.agreeing}")
+        if match.inlier_count < self._settings.few_inliers:
+            reasons.append(f"few matches: {match.inlier_count}")
         if len(view) < self._settings.features // 4:
             reasons.append(f"few features, the image is blurred or has no texture: {len(view)}")
-        return Health(Verdict.DEGRADED if reasons else Verdict.GOOD, tuple(reasons), match.agreeing)
+        return Health(Verdict.DEGRADED if reasons else Verdict.GOOD, tuple(reasons), match.inlier_count)
 
     def _blind(self, frame: CameraFrame, match: Match | None, reasons: tuple[str, ...]) -> FrameEstimate:
         """Publish the prediction with the verdict blind; after ``max_blind_s`` begin a new map at the prediction."""
@@ -250,10 +252,10 @@ class VisualOdometry:
         blind_s = (frame.t_ns - self._tracked_ns) / 1e9
         grown = np.diag([BLIND_SIGMA_M_S] * 3 + [BLIND_SIGMA_RAD_S] * 3) ** 2 * blind_s**2
         guess = replace(last, t_ns=frame.t_ns, T_WC=self._predict(last, frame.t_ns), cov=last.cov + grown)
-        count = 0 if match is None else match.agreeing
+        count = 0 if match is None else match.inlier_count
         if blind_s > self._max_blind_s:
             health = Health(Verdict.LOST, (*reasons, f"the map not found for {blind_s:.1f} s"), count)
-            view = look(frame, self._orb, self._camera, self._noise, 0.0)
+            view = extract_view(frame, self._orb, self._camera, self._noise, 0.0)
             if np.count_nonzero(view.has_depth) >= MIN_START_POINTS:
                 return self._begin(frame, view, guess.T_WC, guess.cov, ("reset",))
             return _estimate(frame, None, health, match, ())

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from snakeslam.estimation.filter.gating import Innovation
-from snakeslam.estimation.filter.ieskf import PlainRows
+from snakeslam.estimation.filter.ieskf import DirectMeasurement
 from snakeslam.estimation.filter.state import THETA, P, State, V
 from snakeslam.estimation.gait.odometry import ModelledDisplacement
 from snakeslam.geometry import so3
@@ -16,7 +16,7 @@ INFLATIONS = (1.0, 2.0, 4.0, 8.0)
 
 
 @dataclass(frozen=True, slots=True)
-class GaitWay:
+class GaitDisplacement:
     """The displacement of one frame by the gait, corrected for the learnt biases, with its covariance (3, 3).
 
     ``cov`` is that of dp_I; the velocity's is ``cov / dt_s^2``.
@@ -27,7 +27,7 @@ class GaitWay:
 
 
 @dataclass(frozen=True, slots=True)
-class Carried:
+class FilterDisplacement:
     """The filter's own displacement ``dp_I`` (3,) m with ``cov`` (3, 3), and whether it accepted that of the gait."""
 
     accepted: bool
@@ -36,7 +36,7 @@ class Carried:
 
 
 @dataclass(slots=True)
-class GaitRows(PlainRows):
+class GaitMeasurement(DirectMeasurement):
     """Rows R_k^T (p - p_k) = dp_I from clone k to the state, or R^T v = v_I where ``before`` is None."""
 
     measured: Float
@@ -45,12 +45,12 @@ class GaitRows(PlainRows):
     before: int | None
 
     @staticmethod
-    def of(motion: GaitWay, before: int | None) -> "GaitRows":
+    def of(motion: GaitDisplacement, before: int | None) -> "GaitMeasurement":
         """Return the rows of a displacement since clone ``before``; with None those of the velocity at its end."""
         modelled, dt_s = motion.modelled, motion.modelled.dt_s
         cov = motion.cov if before is not None else motion.cov / dt_s**2
         W = np.asarray(np.linalg.inv(np.linalg.cholesky(cov)), dtype=np.float64)
-        return GaitRows(modelled.dp_I if before is not None else modelled.v_I, W, before)
+        return GaitMeasurement(modelled.dp_I if before is not None else modelled.v_I, W, before)
 
     def predicted(self, state: State) -> Float:
         """Return the state's own displacement R_k^T (p - p_k), or its velocity R^T v, (3,)."""
@@ -80,17 +80,17 @@ class GaitRows(PlainRows):
         H[:, P] = R.T
         return self.W @ H
 
-    def carried(self, state: State, accepted: bool) -> Carried:
+    def filter_displacement(self, state: State, accepted: bool) -> FilterDisplacement:
         """Return the state's own displacement with its covariance H P H^T."""
         H = np.linalg.solve(self.W, self.jacobian(state))
-        return Carried(accepted, self.predicted(state), H @ state.cov @ H.T)
+        return FilterDisplacement(accepted, self.predicted(state), H @ state.cov @ H.T)
 
     def innovation(self, state: State) -> Innovation:
         """Return the innovation, S = H P H^T + I."""
         H = self.jacobian(state)
         return Innovation.of(self.residual(state)[None], (H @ state.cov @ H.T)[None], np.array([3]))
 
-    def gated(self, state: State, max_inflation: float) -> "GaitRows | None":
+    def gated(self, state: State, max_inflation: float) -> "GaitMeasurement | None":
         """Return the rows with the least sigma at which they pass the gate; None if ``max_inflation`` is not enough."""
         for factor in INFLATIONS:
             rows = replace(self, W=self.W / factor)

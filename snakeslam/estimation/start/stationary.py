@@ -39,7 +39,7 @@ EXACT = 1e-10
 
 
 @dataclass(frozen=True, slots=True)
-class Stationary:
+class StationaryImage:
     """A stationary image: for ``age_s`` its features have moved by no more than ``moved_rad`` (median)."""
 
     age_s: float
@@ -57,8 +57,8 @@ def upright(gravity_I: Float) -> Float:
     return np.asarray(np.stack([ahead, np.cross(up, ahead), up]), dtype=np.float64)
 
 
-def start_still(
-    samples: Sequence[ImuSample], t_ns: int, gravity_m_s2: float, noise: ImuCalibration, image: Stationary
+def start_stationary(
+    samples: Sequence[ImuSample], t_ns: int, gravity_m_s2: float, noise: ImuCalibration, image: StationaryImage
 ) -> State | None:
     """Return the state of a stationary IMU at ``t_ns``; None when ``samples`` show that it moves.
 

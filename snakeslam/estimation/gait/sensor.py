@@ -6,8 +6,8 @@ from snakeslam.estimation.filter.preintegration import ImuBuffer, ImuSegments
 from snakeslam.estimation.filter.state import State
 from snakeslam.estimation.gait.joint_history import JointHistory
 from snakeslam.estimation.gait.learning import SlipModel
+from snakeslam.estimation.gait.measurement import FilterDisplacement, GaitDisplacement
 from snakeslam.estimation.gait.odometry import NS, FrictionOdometry
-from snakeslam.estimation.gait.rows import Carried, GaitWay
 from snakeslam.estimation.gait.settings import GaitSensorSettings
 from snakeslam.messages import JointState
 from snakeslam.robot.model import SnakeModel
@@ -16,7 +16,7 @@ GATED = 20
 """Number of the last displacements of which half must pass the gate, or the verdict says that the gait disagrees."""
 
 
-class GaitAid:
+class GaitSensor:
     """The gait of one robot as a sensor beside camera and IMU."""
 
     def __init__(self, model: SnakeModel, settings: GaitSensorSettings) -> None:
@@ -26,7 +26,7 @@ class GaitAid:
         self._odometry = FrictionOdometry(model, settings)
         self._accepted: deque[bool] = deque(maxlen=GATED)
         self._last_ns: int | None = None
-        self._displacement: GaitWay | None = None
+        self._displacement: GaitDisplacement | None = None
         self._reasons: tuple[str, ...] = ()
 
     @property
@@ -34,7 +34,7 @@ class GaitAid:
         """Faults of the gait at the last frame, in words."""
         return self._reasons
 
-    def take(self, joints: JointState) -> None:
+    def add(self, joints: JointState) -> None:
         """Add a joint state."""
         self._joints.add(joints)
 
@@ -43,7 +43,7 @@ class GaitAid:
         self._joints.clear()
         self._last_ns = None
 
-    def tell(self, state: State, imu: ImuBuffer, t_ns: int, frozen: bool) -> GaitWay | None:
+    def displacement(self, state: State, imu: ImuBuffer, t_ns: int, frozen: bool) -> GaitDisplacement | None:
         """Return the displacement from the last frame to ``t_ns``, the state's time; None where there is none.
 
         It starts at the newest clone or, for a ``frozen`` image, at the last frame, which has no clone.
@@ -60,20 +60,20 @@ class GaitAid:
         self._joints.forget_before(start_ns)
         if modelled is not None:
             self.slip.update_phase(modelled)
-            self._displacement = GaitWay(self.slip.corrected(modelled), self.slip.cov(modelled))
+            self._displacement = GaitDisplacement(self.slip.corrected(modelled), self.slip.cov(modelled))
         return self._displacement
 
-    def hear(self, carried: Carried | None, seeing: bool) -> bool:
+    def learn(self, filter_displacement: FilterDisplacement | None, seeing: bool) -> bool:
         """Learn from the filter's own displacement while ``seeing``; return whether it accepted the gait's."""
 
-        if carried is None or self._displacement is None:
+        if filter_displacement is None or self._displacement is None:
             return False
-        self._accepted.append(carried.accepted)
+        self._accepted.append(filter_displacement.accepted)
         if seeing:
-            self.slip.learn(self._displacement.modelled, carried.dp_I, carried.cov)
+            self.slip.learn(self._displacement.modelled, filter_displacement.dp_I, filter_displacement.cov)
         if 2 * sum(self._accepted) < len(self._accepted):
             self._reasons = (*self._reasons, "the gait disagrees with the motion")
-        return carried.accepted
+        return filter_displacement.accepted
 
     def _faults(self, start_ns: int | None, t_ns: int) -> tuple[str, ...]:
         """Return the faults of the joint states since ``start_ns``, in words."""

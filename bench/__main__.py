@@ -42,15 +42,15 @@ SETTING = "head.controller=predictive"
 """The dearest control."""
 WARM_UP_S = 1.0
 THERE_S = 60.0
-"""So long it crawls one way, before a wall stops it, and then back."""
+"""Time for which it drives in one direction before it drives back: a wall is in front of it."""
 SHARE = 10
-"""What the first and the last tenth of a long run take is told, so that it is seen whether it grows."""
+"""The times of the first and of the last tenth of a long run are reported, to show whether they grow."""
 PHYSICS = "simulator: one physics step"
 # Where, what, budget in ms (None: reported only).
 STAGES: tuple[tuple[Any, str, str, float | None], ...] = (
     (Control, "step", "control, one 100 Hz step", 0.5),
     (SnakePhysics, "step", PHYSICS, 0.6),
-    (Renderer, "render", "simulator: one picture drawn", 10.0),
+    (Renderer, "render", "simulator: one image drawn", 10.0),
     (Camera, "expose", "simulator: its noise, blur, holes", 5.0),
     (Frontend, "process", "estimator: front-end", None),
     (State, "propagate", "estimator: propagation", None),
@@ -112,8 +112,8 @@ def run(seconds: float, memory_mb: list[float]) -> tuple[list[float], float]:
         started = perf_counter()
         while backend.t_ns < seconds * 1e9:
             if backend.t_ns % round(THERE_S * 1e9) == 0:
-                way = -1.0 if backend.t_ns // round(THERE_S * 1e9) % 2 else 1.0
-                control.command(GaitCommand(backend.t_ns, config.gait.name, drive=way))
+                direction = -1.0 if backend.t_ns // round(THERE_S * 1e9) % 2 else 1.0
+                control.command(GaitCommand(backend.t_ns, config.gait.name, drive=direction))
             if len(memory_mb) < SHARE and backend.t_ns >= len(memory_mb) * seconds * 1e9 / SHARE:
                 memory_mb.append(resident_mb())
             loop.step()
@@ -171,8 +171,8 @@ def main() -> None:
     console = Console()
     console.print(f"{platform.processor() or platform.machine()}, Python {platform.python_version()}")
     console.print(table)
-    told = f"{memory_mb[1]:.0f} MB after a tenth, {memory_mb[-1]:.0f} at the end"
-    console.print(f"memory: {told}")
+    memory_text = f"{memory_mb[1]:.0f} MB after a tenth, {memory_mb[-1]:.0f} at the end"
+    console.print(f"memory: {memory_text}")
     console.print(f"real-time factor of the whole in one process: {seconds / wall_s:.2f}")
 
 

@@ -15,11 +15,11 @@ LOWEST, HIGHEST = 2.5, 3.5
 
 def main() -> None:
     seeds = int(sys.argv[2]) if len(sys.argv) > 2 else SEEDS
-    takes = [run(SwingingHead(seed=seed, duration_s=DURATION_S)) for seed in range(seeds)]
+    results = [run(SwingingHead(seed=seed, duration_s=DURATION_S)) for seed in range(seeds)]
     table = Table("", "NEES", "standard error", "RMS error", "wanted", title=f"{seeds} seeds of {DURATION_S:g} s")
     for name, nees, errors, unit, scale in (
-        ("position", [t.nees_p for t in takes], [t.e_p for t in takes], "mm", 1e3),
-        ("orientation", [t.nees_theta for t in takes], [t.e_theta for t in takes], "mrad", 1e3),
+        ("position", [result.nees_p for result in results], [result.e_p for result in results], "mm", 1e3),
+        ("orientation", [result.nees_theta for result in results], [result.e_theta for result in results], "mrad", 1e3),
     ):
         means = np.array([n.mean() for n in nees])
         rms = scale * np.sqrt(np.mean([np.sum(e**2, axis=1).mean() for e in errors]))

@@ -134,8 +134,8 @@ def presses(operator: Operator, seconds: float) -> Iterator[tuple[float, float]]
 def row(kind: str, measured: list[tuple[float, float]]) -> Row:
     latched_ms, answered_ms = np.array(measured).T
     known = latched_ms[np.isfinite(latched_ms)]
-    told = spread(known, 95) if len(known) else "was latched"
-    return (f"{kind}, n = {len(measured)}", told, f"{spread(answered_ms, 95)}, {answered_ms.max():.1f}")
+    latency_text = spread(known, 95) if len(known) else "was latched"
+    return (f"{kind}, n = {len(measured)}", latency_text, f"{spread(answered_ms, 95)}, {answered_ms.max():.1f}")
 
 
 def rows(server: Running, latch: Latch, seconds: float) -> Iterator[Row]:

@@ -98,7 +98,7 @@ def spread(values: np.ndarray, percent: float) -> str:
 
 
 def rows(seconds: float) -> list[Row]:
-    """Run the default simulation live and return what is to be told of it."""
+    """Run the default simulation live and return the rows of its report."""
     session = Session()
     try:
         session.wait_for(lambda: Started in session.newest and Tick in session.newest)
@@ -123,7 +123,9 @@ def rows(seconds: float) -> list[Row]:
         table.append(("error of the estimate now, m", f"{session.newest[Tick].error_m or float('nan'):.4f}", ""))
         presses_ms = estop_ms(session)
         bus.close()
-        table.append(("E-stop under flood, latched and told, p50 and p95, ms", spread(np.array(presses_ms), 95), "20"))
+        table.append(
+            ("E-stop under flood, latched and reported, p50 and p95, ms", spread(np.array(presses_ms), 95), "20")
+        )
         return table
     finally:
         session.host.stop()

@@ -45,7 +45,7 @@ COMMANDS = 60
 SIZE = {"width": 1440, "height": 900}
 Row = tuple[str, str, str]
 
-# The page's worker says when it has drawn a picture; this listens in.
+# The page's worker reports when it has drawn an image; this listens to it.
 OVERHEAR = """window.drawn = [];
 window.Worker = class extends Worker {
   constructor(...given) {
@@ -55,7 +55,7 @@ window.Worker = class extends Worker {
     });
   }
 };"""
-TAKE = "() => window.drawn.splice(0)"
+READ_AND_CLEAR = "() => window.drawn.splice(0)"
 DRIVE = """async ([key, count]) => {
   const socket = new WebSocket(`ws://${location.host}/api/v1/teleop`);
   const times = [];
@@ -93,11 +93,11 @@ class Steps:
         self._steps: list[tuple[int, int]] = []
         (socket,) = folder.glob("**/bus.sock")
         self._bus = Bus(Link(unix_endpoint(socket.parent)))
-        self._bus.subscribe(SENSORS, self._hear)
+        self._bus.subscribe(SENSORS, self._on_sensors)
         self._t_start_ns: int | None = None
-        self._bus.subscribe(ROBOT_STATE, self._meet)
+        self._bus.subscribe(ROBOT_STATE, self._on_robot_state)
 
-    def take(self) -> np.ndarray:
+    def read_and_clear(self) -> np.ndarray:
         """Return the steps since the last call: simulated seconds, and the epoch's milliseconds, (N, 2)."""
         steps, self._steps = np.array(self._steps).reshape(-1, 2), []
         epoch_ns = time.time_ns() - time.monotonic_ns()
@@ -106,10 +106,10 @@ class Steps:
     def close(self) -> None:
         self._bus.close()
 
-    def _hear(self, sensors: Sensors) -> None:
+    def _on_sensors(self, sensors: Sensors) -> None:
         self._steps.append((sensors.imu[-1].t_ns, sensors.stamp_ns))
 
-    def _meet(self, state: RobotState) -> None:
+    def _on_robot_state(self, state: RobotState) -> None:
         self._t_start_ns = state.t_start_ns
 
 
@@ -125,11 +125,11 @@ def memory_mb(server: Running) -> float:
 
 
 def delays_ms(drawn: list[list[float]], steps: np.ndarray) -> np.ndarray:
-    """Return how long after the middle of its exposure each picture was on the page."""
-    pictures = np.array(drawn)
-    known = (pictures[:, 0] > steps[0, 0]) & (pictures[:, 0] < steps[-1, 0])
-    exposed_ms = np.interp(pictures[known, 0], steps[:, 0], steps[:, 1])
-    return pictures[known, 1] - exposed_ms
+    """Return the time from the middle of each image's exposure until it was on the page, in ms."""
+    images = np.array(drawn)
+    known = (images[:, 0] > steps[0, 0]) & (images[:, 0] < steps[-1, 0])
+    exposed_ms = np.interp(images[known, 0], steps[:, 0], steps[:, 1])
+    return images[known, 1] - exposed_ms
 
 
 async def watch(url: str, stalled: bool, seconds: float) -> np.ndarray:
@@ -200,11 +200,11 @@ def under_floods(server: Running, page: Any, operator: Operator, seconds: float)
 def with_page(server: Running, page: Any, steps: Steps, latch: Latch, seconds: float) -> list[Row]:
     key = crawl(server)
     page.wait_for_timeout(SETTLE_S * 1e3)
-    page.evaluate(TAKE)
-    steps.take()
+    page.evaluate(READ_AND_CLEAR)
+    steps.read_and_clear()
     with server.client() as client:
         measured = under_floods(server, page, Operator(client, latch, key=key), seconds)
-    taken, drawn = steps.take(), page.evaluate(TAKE)
+    taken, drawn = steps.read_and_clear(), page.evaluate(READ_AND_CLEAR)
     pace = (taken[-1, 0] - taken[0, 0]) / (taken[-1, 1] - taken[0, 1]) * 1e3
     commands_ms, refused = page.evaluate(DRIVE, [key, COMMANDS])
     latched_ms, answered_ms = np.array(measured.presses).T
@@ -224,7 +224,7 @@ def with_page(server: Running, page: Any, steps: Steps, latch: Latch, seconds: f
 
 
 def rows(seconds: float) -> list[Row]:
-    """Serve the default simulation, open the page and return what is to be told of it."""
+    """Serve the default simulation, open the page and return the rows of the report."""
     path = chromium_path()
     if path is None:
         sys.exit("no Chromium: install it or point CHROMIUM at one")

@@ -13,7 +13,7 @@ CHECKOUT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(CHECKOUT))
 
 from snakeslam.config import Config, load_config  # noqa: E402
-from snakeslam.mapping.clearance import clearance, patrol_turn  # noqa: E402
+from snakeslam.mapping.clearance import clearance, patrol_steering  # noqa: E402
 from snakeslam.messages import (  # noqa: E402
     CameraFrame,
     Float,
@@ -79,7 +79,9 @@ class Drive:
         p_W = pose.T_WI[:3, 3]
         # With the head held on a line its own yaw is the heading.
         heading = float(np.arctan2(pose.T_WI[1, 0], pose.T_WI[0, 0]))
-        turn = patrol_turn(clearance(self.chunks.values(), p_W, heading, float(p_W[2]) - HEAD_HEIGHT_M), self.turning)
+        turn = patrol_steering(
+            clearance(self.chunks.values(), p_W, heading, float(p_W[2]) - HEAD_HEIGHT_M), self.turning
+        )
         self.blocked = turn is None
         self.turning = turn or 0
         drive = 0.0 if turn is None else 1.0
@@ -87,7 +89,7 @@ class Drive:
 
     def words(self) -> str:
         truth = np.array(self.truth)
-        # Over periods of the gait, so that a swing is no way.
+        # Over periods of the gait, so that a swing is no displacement.
         path_m = float(np.sum(np.linalg.norm(np.diff(truth[::4, :2], axis=0), axis=1)))
         last_m = float(np.linalg.norm(truth[-1, :2] - truth[-min(WALL_S, len(truth)), :2]))
         wall = "blocked, stopped" if self.blocked else "at a wall" if last_m < WALL_M else "free"

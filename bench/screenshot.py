@@ -1,4 +1,4 @@
-"""Take the README's picture of the page: ``python bench/screenshot.py [SECONDS] [FILE]`` writes docs/page.png."""
+"""Take the README's image of the page: ``python bench/screenshot.py [SECONDS] [FILE]`` writes docs/page.png."""
 
 import sys
 import tempfile
@@ -18,11 +18,11 @@ DRAW_MS = 5000
 
 def main() -> None:
     simulated_s = float(sys.argv[1]) if len(sys.argv) > 1 else 15.0
-    picture = Path(sys.argv[2]) if len(sys.argv) > 2 else CHECKOUT / "docs" / "page.png"
+    image = Path(sys.argv[2]) if len(sys.argv) > 2 else CHECKOUT / "docs" / "page.png"
     path = chromium_path()
     if path is None:
         sys.exit("no Chromium: install it or point CHROMIUM at one")
-    picture.parent.mkdir(exist_ok=True)
+    image.parent.mkdir(exist_ok=True)
     with tempfile.TemporaryDirectory() as folder:
         server, url = start_dashboard(Path(folder))
         try:
@@ -33,16 +33,16 @@ def main() -> None:
                 start_gait(server)
                 wait_until_simulated(server, simulated_s)
                 page.wait_for_timeout(DRAW_MS)
-                page.screenshot(path=picture)
+                page.screenshot(path=image)
         finally:
             stop_dashboard(server)
-    print(picture)
+    print(image)
 
 
 def start_gait(server: Running) -> None:
-    """Take control for the picture's sake; the robot starts at rest."""
+    """Take control for the image; the robot starts stationary."""
     with server.client() as client:
-        lease = client.post("/api/v1/control/lease", json={"name": "picture", "seconds": 3600}).raise_for_status()
+        lease = client.post("/api/v1/control/lease", json={"name": "image", "seconds": 3600}).raise_for_status()
         client.headers["Control-Lease"] = lease.json()["key"]
         start_moving(client)
 

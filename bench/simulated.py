@@ -1,6 +1,6 @@
-"""Simulated measurements of a swinging head: exact IMU means and points in pictures, each with its modelled noise.
+"""Simulated measurements of a swinging head: exact IMU means and image points, each with its modelled noise.
 
-They go straight to the filter, past all pictures, so that what its covariance says can be held against its errors.
+They go to the filter without any image, so that its covariance can be compared with its errors.
 """
 
 from collections.abc import Iterator
@@ -25,7 +25,7 @@ GRAVITY_W = np.array([0.0, 0.0, -9.81])
 R_IC = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 P_IC = np.array([0.03, 0.01, 0.0])
 SIGMA_BIAS_G = 0.01
-ROOM_M = np.array([4.0, 3.0, 1.5])
+BOX_M = np.array([4.0, 3.0, 1.5])
 POINTS = 1500
 LOSS = 0.03
 NOISE = NoiseSettings(imu_white_scale=1.0, imu_walk_scale=1.0, track_drift_px=0.0)
@@ -50,7 +50,7 @@ RIG = SensorRig(
 
 @dataclass(frozen=True)
 class SwingingHead:
-    """One take: ``seed`` draws the motion's phases, the room, biases and noise."""
+    """One run: ``seed`` draws the motion's phases, the points, biases and noise."""
 
     seed: int = 0
     duration_s: float = 10.0
@@ -132,15 +132,15 @@ class Head(Protocol):
 
 
 class SimulatedFrontend:
-    """Points on the walls of a room, followed without any picture."""
+    """Points on the walls of a box, tracked without any image."""
 
     def __init__(self, head: Head, noise: NoiseSettings, late_ns: int = 0, readout_s: float = 0.0) -> None:
         self._head, self._late_ns, self._readout_s = head, late_ns, readout_s
         self._noise = noise
         self._rng = np.random.default_rng([head.seed, 2])
-        points = self._rng.uniform(-1, 1, (POINTS, 3)) * ROOM_M
+        points = self._rng.uniform(-1, 1, (POINTS, 3)) * BOX_M
         wall = self._rng.integers(0, 3, POINTS)
-        points[np.arange(POINTS), wall] = np.sign(points[np.arange(POINTS), wall]) * ROOM_M[wall]
+        points[np.arange(POINTS), wall] = np.sign(points[np.arange(POINTS), wall]) * BOX_M[wall]
         self._points_W = points
         self._followed = np.empty(0, np.int64)
         self._ids = np.empty(0, np.int64)
@@ -189,8 +189,8 @@ class SimulatedFrontend:
 
 
 @dataclass(frozen=True)
-class Take:
-    """Errors and NEES of one take, one row a frame after the first pose."""
+class ConsistencyRun:
+    """Errors and NEES of one run, one row a frame after the first pose."""
 
     t_s: Float
     e_p: Float
@@ -200,8 +200,8 @@ class Take:
     cov: Float
 
 
-def run(head: SwingingHead, settings: EstimatorSettings = SETTINGS, rig: SensorRig = RIG) -> Take:
-    """Return how the filter does on one take that it believes seen by ``rig``; the first pose defines W."""
+def run(head: SwingingHead, settings: EstimatorSettings = SETTINGS, rig: SensorRig = RIG) -> ConsistencyRun:
+    """Return the errors of the filter in one run with the calibration ``rig``; the first pose defines W."""
     vio = VisualInertialOdometry(settings, rig, head.seed, SimulatedFrontend(head, settings.noise, head.late_ns))
     poses = [e.pose for e in map(vio.process, head.packets()) if e is not None and e.pose is not None]
     t_s = np.array([p.t_ns for p in poses]) / 1e9
@@ -216,4 +216,4 @@ def run(head: SwingingHead, settings: EstimatorSettings = SETTINGS, rig: SensorR
         np.einsum("ni,ni->n", e[1:], np.linalg.solve(P[1:], e[1:, :, None])[..., 0])
         for e, P in ((e_p, cov[:, 3:6, 3:6]), (e_theta, cov[:, :3, :3]))
     ]
-    return Take(t_s[1:], e_p[1:], e_theta[1:], *nees, cov[1:])
+    return ConsistencyRun(t_s[1:], e_p[1:], e_theta[1:], *nees, cov[1:])

@@ -11,7 +11,7 @@ from server.body import heading_rad
 from server.bulk import BulkResponse
 from server.deps import CallerDep, ServicesDep
 from server.models import Answer
-from snakeslam.mapping.clearance import DIRECTIONS_DEG, clearance, patrol_turn
+from snakeslam.mapping.clearance import DIRECTIONS_DEG, clearance, patrol_steering
 
 router = APIRouter(tags=["map"])
 
@@ -73,7 +73,7 @@ async def get_clearance(services: ServicesDep, turning: Annotated[int, Query(ge=
     floor_m = float(np.median(Ts_WL[:, 2, 3])) - view.started.robot.radius_m
     chunks, heading = list(view.chunks.values()), heading_rad(tick, Ts_WL)
     free = await services.bulk.make(lambda: clearance(chunks, Ts_WL[-1, :3, 3], heading, floor_m))
-    turn = patrol_turn(free, turning)
+    turn = patrol_steering(free, turning)
     reason = f"the path is blocked {free.ahead_m:.1f} m ahead" if turn is None else None
     free_m = [round(distance_m, 2) for distance_m in free.free_m]
     return _clearance(free_m, turn, reason)

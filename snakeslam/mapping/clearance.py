@@ -20,7 +20,7 @@ CHUNK_REACH_M = 6.0
 """Largest distance of a chunk's points from its keyframe: the range of a depth camera."""
 FEWEST_POINTS = 3
 """Points that make an obstacle; fewer are noise."""
-TURN_WITHIN_M, STRAIGHT_BEYOND_M = 1.5, 2.2
+STEER_WITHIN_M, STRAIGHT_BEYOND_M = 1.5, 2.2
 """A patrol begins to steer when less than the first is free ahead, and goes straight again with the second."""
 BLOCKED_M = 0.35
 """With less free ahead the robot cannot go on."""
@@ -79,13 +79,13 @@ def _obstacles(chunks: Iterable[MapChunk], p_head_W: Float, floor_m: float) -> F
     return np.concatenate(near) if near else np.zeros((0, 2))
 
 
-def patrol_turn(free: Clearance, turning: int) -> int | None:
+def patrol_steering(free: Clearance, turning: int) -> int | None:
     """Return the steering of a patrol, -1 (right), 0 or 1 (left), after ``turning``; None where it is blocked.
 
     It steers to the freer side and stays with that side until the way ahead is free, so that it does not alternate in
     a corner. It is blocked where there is an obstacle ahead and one in the direction to which it steers.
     """
-    if (turning == 0 and free.ahead_m > TURN_WITHIN_M) or (turning != 0 and free.ahead_m > STRAIGHT_BEYOND_M):
+    if (turning == 0 and free.ahead_m > STEER_WITHIN_M) or (turning != 0 and free.ahead_m > STRAIGHT_BEYOND_M):
         return 0
     if turning == 0:
         left_m, right_m = free.sides_m

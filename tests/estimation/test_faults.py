@@ -1,4 +1,4 @@
-"""The fault table: what goes wrong with the inputs is said, survived, and passes."""
+"""The fault table: each fault of the inputs is reported, survived, and passes."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -51,7 +51,7 @@ def no_imu(packet: Packet) -> Packet | None:
 def black(packet: Packet) -> Packet:
     if not isinstance(packet, CameraFrame):
         return packet
-    # The noise of a covered sensor: no two pictures are the same.
+    # The noise of a covered sensor: no two images are the same.
     level = np.uint8(packet.seq % 2)
     return replace(packet, gray=np.full_like(packet.gray, level), depth_m=np.zeros_like(packet.depth_m))
 
@@ -65,7 +65,7 @@ FAULTS = [
 
 
 @pytest.mark.parametrize(("spoil", "words", "verdict"), FAULTS, ids=["nan", "spike", "gap", "black"])
-def test_fault_is_said_and_passes(spoil: Callable[[Packet], Packet | None], words: str, verdict: Verdict) -> None:
+def test_a_fault_is_reported_and_passes(spoil: Callable[[Packet], Packet | None], words: str, verdict: Verdict) -> None:
     estimates = run(spoil)
     hit = [e for e in estimates if FROM_NS + 100_000_000 < e.t_ns <= TO_NS]
     assert hit
@@ -82,7 +82,7 @@ def test_fault_is_said_and_passes(spoil: Callable[[Packet], Packet | None], word
     assert abs(went - true) < 0.05
 
 
-def test_frozen_picture_is_said() -> None:
+def test_a_frozen_image_is_reported() -> None:
     held: list[CameraFrame] = []
 
     def freeze(packet: Packet) -> Packet:
@@ -95,8 +95,8 @@ def test_frozen_picture_is_said() -> None:
     assert all(e.health.verdict is Verdict.BLIND and "does not change" in e.health.reasons[0] for e in hit)
 
 
-def test_frozen_picture_of_a_still_head_holds() -> None:
-    """A picture that does not change while the IMU rests too is said, and the pose does not drift."""
+def test_a_frozen_image_of_a_stationary_head_does_not_drift() -> None:
+    """An image that does not change while the IMU is stationary too is reported, and the pose does not drift."""
     first: list[CameraFrame] = []
 
     def freeze(packet: Packet) -> Packet:
@@ -106,14 +106,14 @@ def test_frozen_picture_of_a_still_head_holds() -> None:
         return replace(packet, gray=first[0].gray, depth_m=first[0].depth_m)
 
     vio = VisualInertialOdometry(EstimatorSettings(), RIG, seed=0)
-    estimates = [e for e in (vio.process(freeze(p)) for p in Wall(still=True).packets(5.0)) if e is not None]
+    estimates = [e for e in (vio.process(freeze(p)) for p in Wall(stationary=True).packets(5.0)) if e is not None]
     assert not any("reset" in e.events for e in estimates)
     assert all("does not change" in e.health.reasons[0] for e in estimates[-10:])
     poses = [e.pose for e in estimates if e.pose is not None]
     assert np.linalg.norm(poses[-1].T_WI[:3, 3] - poses[0].T_WI[:3, 3]) < 0.005
 
 
-def test_a_second_without_imu_is_said_and_passes() -> None:
+def test_a_second_without_imu_is_reported_and_passes() -> None:
     estimates = run(lambda p: p, 4.0, lambda p: isinstance(p, ImuSample) and 2_000_000_000 < p.t_ns <= 3_000_000_000)
     hit = [e for e in estimates if 2_100_000_000 < e.t_ns <= 3_000_000_000]
     assert all(any("IMU silent" in reason for reason in e.health.reasons) for e in hit)
@@ -122,7 +122,7 @@ def test_a_second_without_imu_is_said_and_passes() -> None:
 
 
 def test_covered_camera_is_bridged_without_a_reset() -> None:
-    """Two seconds in the dark while moving: the IMU carries on, and vision takes over again where it left."""
+    """Two seconds without a camera while moving: dead reckoning by the IMU, then vision continues from there."""
     dark = 2_000_000_000, 4_000_000_000
     wall = Wall()
     vio = VisualInertialOdometry(EstimatorSettings(), RIG, seed=0)
@@ -154,13 +154,13 @@ def test_one_wrong_stamp_is_left_out(jump_s: int) -> None:
 
 @pytest.mark.parametrize("jump_s", [20, -1])
 def test_a_clock_set_anew_ends_in_a_new_start(jump_s: int) -> None:
-    """All stamps jump for good: said, reset, and running again."""
+    """All stamps jump permanently: it is reported, followed by a reset and a new start."""
 
     def shifted(packet: Packet) -> Packet:
         return replace(packet, t_ns=packet.t_ns + jump_s * 1_000_000_000)
 
     vio = VisualInertialOdometry(EstimatorSettings(), RIG, seed=0)
-    packets = (shifted(p) if p.t_ns > FROM_NS else p for p in Wall(still=True).packets(4.0))
+    packets = (shifted(p) if p.t_ns > FROM_NS else p for p in Wall(stationary=True).packets(4.0))
     estimates = [e for e in map(vio.process, packets) if e is not None]
     assert any("reset" in e.events for e in estimates)
     assert estimates[-1].health.verdict is Verdict.GOOD
@@ -180,7 +180,7 @@ def test_depth_that_is_not_a_number_is_unknown() -> None:
     assert estimates[-1].health.verdict is Verdict.GOOD
 
 
-def test_clock_that_goes_back_is_said() -> None:
+def test_a_clock_that_goes_back_is_reported() -> None:
     def back(packet: Packet) -> Packet:
         return replace(packet, t_ns=1_000_000_000) if isinstance(packet, CameraFrame) else packet
 
@@ -194,6 +194,6 @@ def test_long_blindness_ends_in_a_reset_and_a_new_start() -> None:
         return black(packet) if FROM_NS < packet.t_ns <= FROM_NS + 3_500_000_000 else packet
 
     vio = VisualInertialOdometry(EstimatorSettings(), RIG, seed=0)
-    estimates = [e for e in (vio.process(cover(p)) for p in Wall(still=True).packets(7.0)) if e is not None]
+    estimates = [e for e in (vio.process(cover(p)) for p in Wall(stationary=True).packets(7.0)) if e is not None]
     assert any("reset" in e.events for e in estimates)
     assert estimates[-1].health.verdict is Verdict.GOOD

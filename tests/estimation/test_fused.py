@@ -240,7 +240,7 @@ def test_a_head_on_moving_joints_is_not_stationary(moving: bool, verdict: Verdic
     odometry = VisualInertialOdometry(SETTINGS, wall.RIG, 0, gait=GaitSensor(MODEL, GAIT))
     shown: CameraFrame | None = None
     estimates: list[FrameEstimate | None] = []
-    for packet in wall.Wall(still=True).packets(2.0):
+    for packet in wall.Wall(stationary=True).packets(2.0):
         given = packet
         if isinstance(packet, CameraFrame):
             shown = packet if packet.t_ns < 1_500_000_000 or shown is None else replace(shown, t_ns=packet.t_ns)

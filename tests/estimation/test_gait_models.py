@@ -82,15 +82,15 @@ def test_friction_is_in_balance_in_the_motion_found() -> None:
         assert abs(np.sum(X * force[1] - Y * force[0] + spin)) < 0.01 * size
 
 
-def test_motion_turns_with_the_body_and_stands_when_it_stands(rng: np.random.Generator) -> None:
+def test_the_motion_rotates_with_the_body_and_is_zero_for_a_stationary_one(rng: np.random.Generator) -> None:
     theta, dtheta, _ = bent(rng)
     one = RODS.twist(theta, dtheta, np.ones(N), 3.0)
-    turned = RODS.twist(theta + 1.1, dtheta, np.ones(N), 3.0)
+    rotated = RODS.twist(theta + 1.1, dtheta, np.ones(N), 3.0)
     c, s = np.cos(1.1), np.sin(1.1)
-    np.testing.assert_allclose(turned.v, [c * one.v[0] - s * one.v[1], s * one.v[0] + c * one.v[1]], atol=1e-9)
-    assert turned.omega == pytest.approx(one.omega, abs=1e-9)
-    still = RODS.twist(theta, np.zeros(N), np.ones(N), 3.0)
-    assert np.linalg.norm(still.v) + abs(still.omega) < 1e-12
+    np.testing.assert_allclose(rotated.v, [c * one.v[0] - s * one.v[1], s * one.v[0] + c * one.v[1]], atol=1e-9)
+    assert rotated.omega == pytest.approx(one.omega, abs=1e-9)
+    stationary = RODS.twist(theta, np.zeros(N), np.ones(N), 3.0)
+    assert np.linalg.norm(stationary.v) + abs(stationary.omega) < 1e-12
 
 
 def mean_speed(alpha_pi: float, ratio: float) -> float:

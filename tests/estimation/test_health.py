@@ -36,13 +36,13 @@ def test_all_well() -> None:
         ({"bad_samples": 2}, Verdict.DEGRADED, "2 IMU samples"),
     ],
 )
-def test_trouble_is_said(change: dict, verdict: Verdict, words: str) -> None:
+def test_trouble_is_reported(change: dict, verdict: Verdict, words: str) -> None:
     health = judge(replace(FINE, **change), SETTINGS)
     assert health.verdict is verdict
     assert any(words in reason for reason in health.reasons), health.reasons
 
 
-def test_what_is_at_rest_is_supported_in_the_dark() -> None:
+def test_a_stationary_head_is_supported_without_a_camera() -> None:
     dark = replace(FINE, tracked=0, agreement=Agreement(0, 0, 0.0))
     assert not supports(dark, SETTINGS)
     assert supports(replace(dark, stationary=True), SETTINGS)

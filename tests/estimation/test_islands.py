@@ -1,4 +1,4 @@
-"""A new start that nothing ties to the old map is never called good; once it is tied, the new map moves there."""
+"""A new map that is not tied to the old one is never good; once it is tied, it moves there."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -23,7 +23,7 @@ SHORT = HealthSettings(max_blind_s=0.5)
 
 
 def elsewhere(duration_s: float, back_ns: int = BACK_NS) -> Iterator[Packet]:
-    """The camera is covered; then it sees another wall, until at ``back_ns`` it sees the first one again."""
+    """The camera is covered, then in front of another wall, and from ``back_ns`` on of the first one again."""
     for one, other in zip(Wall().packets(duration_s), Wall(seed=5).packets(duration_s), strict=True):
         if not isinstance(one, CameraFrame) or not COVERED_NS[0] < one.t_ns <= back_ns:
             yield one
@@ -88,7 +88,7 @@ def test_the_new_part_of_the_map_moves_to_the_old_one_when_it_is_tied(mode: Mode
 
 
 @pytest.mark.parametrize("mode", ["vio", "visual"])
-def test_a_place_that_was_never_seen_stays_a_map_of_its_own(mode: Mode) -> None:
+def test_an_unknown_scene_stays_a_map_of_its_own(mode: Mode) -> None:
     updates = run(mode, elsewhere(7.0, back_ns=100_000_000_000))
     apart = [update for update in updates if not update.health.map_connected]
     assert len(apart) > 40
@@ -99,7 +99,7 @@ def test_a_place_that_was_never_seen_stays_a_map_of_its_own(mode: Mode) -> None:
     assert all(update.tie is None for update in updates)
 
 
-def test_where_sight_comes_back_in_time_all_is_one_map() -> None:
+def test_after_a_short_blind_time_all_is_one_map() -> None:
     updates = run("vio", elsewhere(6.0, back_ns=COVERED_NS[1]))
     assert all(update.health.map_connected and update.island == 0 for update in updates)
     assert count_islands(updates) == 1

@@ -26,7 +26,7 @@ def segments(rng: np.random.Generator, n: int = 10) -> ImuSegments:
 
 
 def test_bias_jacobians_of_preintegration(rng: np.random.Generator) -> None:
-    """Eq. (26): how alpha, beta, gamma depend on the biases they were summed with."""
+    """Eq. (26): the derivatives of alpha, beta, gamma by the biases."""
     spans = segments(rng)
     at = preintegrate(spans, np.zeros(3), np.zeros(3), NOISE)
 
@@ -64,7 +64,7 @@ def test_propagation_of_the_error_state(rng: np.random.Generator) -> None:
     assert ahead.cov - noise.cov == pytest.approx(Phi @ Phi.T, abs=1e-6)
 
 
-def test_rows_at_rest(rng: np.random.Generator) -> None:
+def test_rows_of_zero_velocity(rng: np.random.Generator) -> None:
     """Zero velocity and no motion between the last two clones."""
 
     def state() -> State:
@@ -107,8 +107,8 @@ def test_camera_rows(rng: np.random.Generator) -> None:
     assert np.linalg.norm(Hx[0, 0, 2]) > 0.0
 
 
-def test_a_smeared_feature_weighs_less() -> None:
-    """sigma^2 = pixel^2 + (blur_share * smear)^2 for u and v of the poses that are smeared; depth keeps its own."""
+def test_a_blurred_feature_weighs_less() -> None:
+    """sigma^2 = pixel^2 + (blur_share * blur)^2 for u and v of blurred images; that of depth stays."""
     rows = ReprojectionModel(np.eye(3), np.zeros(3), 1 / 400, NoiseSettings(blur_share=0.25))
     weight = rows.weights(np.full((1, 2, 3), 1.0), np.array([0.0, 0.03]))[0]
     assert weight[0, :2] == pytest.approx(400.0)

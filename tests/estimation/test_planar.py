@@ -1,4 +1,4 @@
-"""The paper's planar filter, Eq. (37)-(41): its formulas; what it makes of a pose that drifts, is lost, starts anew."""
+"""The paper's planar filter, Eq. (37)-(41): its formulas; poses that drift, are missing, or start anew."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -39,7 +39,7 @@ GAIT = GaitMotionModel(MODEL, 3.0, "fan")
 SHAPE = BodyShape(np.array([1.3, 0.2]), 0.4)
 STEP_NS, FRAME_EVERY = 10_000_000, 5
 REST_S = 0.5
-PICTURE = np.zeros((4, 4), np.uint8)
+IMAGE = np.zeros((4, 4), np.uint8)
 
 
 def motion(keep: float = 0.9) -> ControlInput:
@@ -73,8 +73,8 @@ def test_jacobians(rng: np.random.Generator, keep: float) -> None:
         u = motion(keep)
         moved = move(x, ControlInput(u.speed + w[0], u.omega + w[1], *(0.0, 0.0), u.direction_rad, 0.0, 0, 0, 0), 0.05)
         at = move(x, ControlInput(u.speed, u.omega, 0.0, 0.0, u.direction_rad, 0.0, 0, 0, 0), 0.05)
-        way = x[2] + 0.5 * u.omega * 0.05 + u.direction_rad
-        across = w[2] * 0.05 * np.array([-np.sin(way), np.cos(way), 0, 0, 0])
+        direction = x[2] + 0.5 * u.omega * 0.05 + u.direction_rad
+        across = w[2] * 0.05 * np.array([-np.sin(direction), np.cos(direction), 0, 0, 0])
         return moved - at + across
 
     if keep == 0.0:
@@ -82,8 +82,8 @@ def test_jacobians(rng: np.random.Generator, keep: float) -> None:
     np.testing.assert_allclose(observation_jacobian(x, SHAPE), jacobian(lambda d: observe(x + d, SHAPE), 5), atol=1e-8)
 
 
-def test_prediction_adds_what_the_model_does_not_know(rng: np.random.Generator) -> None:
-    """Eq. (40): F P F^T + G Q G^T, and the same growth whether a second is taken in 10 steps or in 100."""
+def test_the_prediction_adds_the_errors_of_the_model(rng: np.random.Generator) -> None:
+    """Eq. (40): F P F^T + G Q G^T, and the same growth whether a second is predicted in 10 steps or in 100."""
     grown: list[Float] = []
     for count in (10, 100):
         state = PlanarState(np.zeros(5), np.diag([0, 0, 0, 9e-4, 2.5e-3]))
@@ -100,7 +100,7 @@ def random_cov(rng: np.random.Generator, size: int, scale: float) -> Float:
     return A @ A.T + scale**2 * np.eye(size)
 
 
-def test_one_round_is_the_kalman_filter(rng: np.random.Generator) -> None:
+def test_one_iteration_is_the_kalman_filter(rng: np.random.Generator) -> None:
     """Eq. (41) as printed."""
     P, R, x, z = random_cov(rng, 5, 0.1), random_cov(rng, 3, 0.01), rng.normal(size=5), rng.normal(size=3)
     z = observe(x, SHAPE) + 0.01 * z
@@ -115,7 +115,7 @@ def test_one_round_is_the_kalman_filter(rng: np.random.Generator) -> None:
 
 
 def test_iterations_find_the_most_probable_state(rng: np.random.Generator) -> None:
-    """Eq. (41) with its iteration: the lever of the head makes h bend, one round stops short of the least cost."""
+    """Eq. (41) with its iteration: the lever of the head makes h nonlinear, one iteration misses the least cost."""
     P, R = np.diag([0.01, 0.01, 0.5, 0.01, 0.01]), np.diag([1e-4, 1e-4, 1.0])
     x = np.zeros(5)
     z = observe(np.array([0.02, -0.03, 0.6, 0.0, 0.0]), SHAPE)
@@ -134,7 +134,7 @@ def test_iterations_find_the_most_probable_state(rng: np.random.Generator) -> No
     np.testing.assert_allclose(gradient, 0.0, atol=1e-3 * costs[1] + 1e-4)
 
 
-def test_a_turn_over_pi_is_a_small_one() -> None:
+def test_a_yaw_difference_over_pi_is_wrapped() -> None:
     state = PlanarState(np.array([0, 0, np.pi - 0.01, 0, 0]), np.diag([1e-4] * 5))
     z = observe(np.array([0, 0, np.pi + 0.01, 0, 0]), SHAPE)
     z[2] -= 2 * np.pi
@@ -146,7 +146,7 @@ def test_a_turn_over_pi_is_a_small_one() -> None:
 
 
 def joints(name: GaitName, t_s: float, raised: bool = False) -> JointState:
-    """The gait's joints; at rest in its first posture until REST_S."""
+    """The gait's joints; stationary in its first posture until REST_S."""
     gait = resolve(GaitSettings(name=name), MODEL)
     moving = t_s > REST_S
     sigma = gait.start_sigma + gait.omega * max(0.0, t_s - REST_S)
@@ -176,7 +176,7 @@ def test_arc_rolling_moves_to_the_right_at_the_fans_speed() -> None:
 
 
 @pytest.mark.parametrize("name", ["serpentine", "arc_rolling"])
-def test_a_body_is_laid_flat(name: GaitName) -> None:
+def test_the_attitude_of_a_flat_body(name: GaitName) -> None:
     for t_s in np.linspace(REST_S + 0.01, REST_S + 4.0, 9):
         q_rad = joints(name, t_s).q_rad
         Ts = link_poses_from_imu(MODEL, q_rad, se3.from_rt(GAIT.level_attitude(q_rad), np.zeros(3)))
@@ -202,7 +202,7 @@ def test_the_head_on_the_body() -> None:
 
 @dataclass
 class FakeVio:
-    """Poses of the true head with noise and a drift that its covariance tells; ``lost`` frames have none."""
+    """Poses of the true head with noise, and drift that is in the covariance; ``lost`` frames have none."""
 
     truth: dict[int, Float]
     seed: int = 0
@@ -244,7 +244,7 @@ class FakeVio:
 
 
 def crawl(duration_s: float, slip: float = 0.8, gait: GaitName = "serpentine") -> tuple[list[Packet], dict[int, Float]]:
-    """Packets, and true T_WI at every time, of a robot that goes at ``slip`` of the model's speed."""
+    """Packets, and true T_WI at every time, of a robot that moves at ``slip`` times the model's speed."""
     packets: list[Packet] = []
     truth: dict[int, Float] = {}
     first = joints(gait, 0.01)
@@ -260,7 +260,7 @@ def crawl(duration_s: float, slip: float = 0.8, gait: GaitName = "serpentine") -
         truth[now.t_ns] = with_plane_pose(np.eye(4), observe(state.x, shape))
         packets.append(now)
         if k % FRAME_EVERY == 0:
-            packets.append(CameraFrame(now.t_ns, k // FRAME_EVERY - 1, PICTURE))
+            packets.append(CameraFrame(now.t_ns, k // FRAME_EVERY - 1, IMAGE))
     return packets, truth
 
 
@@ -303,10 +303,10 @@ def test_it_is_better_than_the_gait_alone_and_smoother_than_the_pose(
     assert alone[-1].health.verdict is Verdict.DEGRADED
 
 
-def test_lost_it_goes_on_with_the_gait_and_the_slip_it_has_learnt(
+def test_without_a_pose_it_continues_with_the_gait_and_the_slip_it_has_learnt(
     crawled: tuple[list[Packet], dict[int, Float]],
 ) -> None:
-    """Two seconds without a pose, then one in another world: the path goes on where the robot is, without a jump."""
+    """Two seconds without a pose, then one in another world: the path continues where the robot is, without a jump."""
     packets, truth = crawled
     lost = range(100, 140)
     estimates = list(
@@ -331,8 +331,8 @@ def test_lost_it_goes_on_with_the_gait_and_the_slip_it_has_learnt(
     assert sigma[lost.start - 1] < sigma[lost.stop - 1] <= 1.01 * sigma[-1], "what was lost is not found again"
 
 
-def test_the_covariance_tells_the_error_of_a_pose_that_drifts() -> None:
-    """NEES of x and y (2 when exact) over seeds; a drift that is seen again and again is not averaged away."""
+def test_the_covariance_is_consistent_with_a_pose_that_drifts() -> None:
+    """NEES of x and y (2 when exact) over seeds; a drift that is observed repeatedly is not averaged away."""
     packets, truth = crawl(3.0)
     nees: list[float] = []
     for seed in range(12):
@@ -344,7 +344,7 @@ def test_the_covariance_tells_the_error_of_a_pose_that_drifts() -> None:
     assert 1.0 < np.mean(nees) < 3.0
 
 
-def test_joints_that_are_no_use_are_left_out(crawled: tuple[list[Packet], dict[int, Float]]) -> None:
+def test_invalid_joint_states_are_left_out(crawled: tuple[list[Packet], dict[int, Float]]) -> None:
     packets, truth = crawled
     broken: list[Packet] = []
     for k, packet in enumerate(packets[:400]):

@@ -1,4 +1,4 @@
-"""Found again after a time without sight: in the keyframes, within what they and the fit allow, or not at all."""
+"""Relocalisation after a blind time: in the keyframes, within their covariance and that of the fit, or not at all."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -21,11 +21,11 @@ from tests.estimation.wall import RIG, Wall
 SETTINGS = EstimatorSettings()
 COVERED_NS = (2_500_000_000, 4_000_000_000)
 PUSH_M_S2 = 0.04
-"""An error of the accelerometer while nothing is seen, there and back: 22 mm after 1.5 s, and no velocity tells."""
+"""An error of the accelerometer in a blind time, forth and back: 22 mm after 1.5 s, without an error of velocity."""
 
 
 def covered(duration_s: float, wall: Wall | None = None) -> Iterator[Packet]:
-    """A hand-held camera, covered for 1.5 s, in which the accelerometer is wrong as well."""
+    """A hand-held camera, covered for 1.5 s, while the accelerometer has an error as well."""
     for packet in (wall or Wall()).packets(duration_s):
         if not COVERED_NS[0] < packet.t_ns <= COVERED_NS[1]:
             yield packet
@@ -56,7 +56,7 @@ def events(estimates: list[FrameEstimate]) -> list[str]:
     return [word for e in estimates for word in e.events]
 
 
-def test_what_was_lost_in_the_dark_is_found_again(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_drift_of_a_blind_time_is_removed(monkeypatch: pytest.MonkeyPatch) -> None:
     found = run(covered(5.0))
     assert events(found) == ["initialised, stationary", "relocalised"]
     assert max(e.t_ns for e in found if "relocalised" in e.events) < COVERED_NS[1] + 1_000_000_000
@@ -66,8 +66,8 @@ def test_what_was_lost_in_the_dark_is_found_again(monkeypatch: pytest.MonkeyPatc
     assert error_m(found, 5.0) < 0.006 < 0.015 < error_m(alone, 5.0)
 
 
-def test_after_a_reset_it_goes_on_where_it_is() -> None:
-    """Blind for longer than it may be, it starts anew; the keyframes tell where."""
+def test_after_a_reset_it_starts_at_its_position_in_the_keyframes() -> None:
+    """After too long a blind time it starts anew, at the position measured in the keyframes."""
     patient = SETTINGS.model_copy(update={"health": HealthSettings(max_blind_s=0.5)})
     found = run(covered(6.0), patient)
     assert events(found)[:2] == ["initialised, stationary", "reset"]
@@ -75,8 +75,8 @@ def test_after_a_reset_it_goes_on_where_it_is() -> None:
     assert error_m(found, 6.0) < 0.03
 
 
-def test_another_place_is_not_taken_for_one_that_was_seen() -> None:
-    """The wall is another one when the light comes back."""
+def test_another_scene_is_not_recognised() -> None:
+    """After the blind time the camera is in front of another wall."""
 
     def swapped() -> Iterator[Packet]:
         for one, other in zip(covered(5.0), covered(5.0, Wall(seed=5)), strict=True):
@@ -88,7 +88,7 @@ def test_another_place_is_not_taken_for_one_that_was_seen() -> None:
 
 
 def test_a_short_gap_is_bridged_without() -> None:
-    """Sight was lost for less than .3 s: the features of the window hold."""
+    """Blind for less than 0.3 s: the features of the window are enough."""
     gap = (2_500_000_000, 2_700_000_000)
     packets = (
         replace(p, gray=np.zeros_like(p.gray)) if isinstance(p, CameraFrame) and gap[0] < p.t_ns <= gap[1] else p
@@ -113,7 +113,7 @@ def first_frame(wall: Wall) -> CameraFrame:
     return next(p for p in wall.packets(0.0) if isinstance(p, CameraFrame))
 
 
-def test_only_so_many_sharp_pictures_with_depth_of_other_views_are_kept() -> None:
+def test_only_sharp_frames_with_depth_and_a_new_view_become_keyframes() -> None:
     frame, kept = first_frame(Wall()), Keyframes(SETTINGS, RIG.cam0, 0)
     away = np.array([1.01 * relocalisation.APART_M, 0.0, 0.0])
     for k in range(2 * MAX_KEYFRAMES):
@@ -126,8 +126,8 @@ def test_only_so_many_sharp_pictures_with_depth_of_other_views_are_kept() -> Non
     assert not kept._present
 
 
-def test_a_place_is_found_to_the_millimetre_within_what_it_says() -> None:
-    """The pictures of a moving head, sought in the first one from 10 mm beside where they were taken."""
+def test_a_position_is_measured_to_the_millimetre_within_its_covariance() -> None:
+    """Frames of a moving head, measured in the first one, predicted 10 mm beside their true positions."""
     wall, kept = Wall(), Keyframes(SETTINGS, RIG.cam0, 0)
     frames = [p for p in wall.packets(3.0) if isinstance(p, CameraFrame)]
     at = state_at(wall.pose(0.0)[:3, 3])
@@ -137,14 +137,14 @@ def test_a_place_is_found_to_the_millimetre_within_what_it_says() -> None:
     beside[:3, 3] = 0.006
     for frame in frames[20:]:
         T_WI = wall.pose(frame.t_ns / 1e9)
-        place = kept.measure(frame, beside @ T_WI)
-        assert place is not None
-        e = place.T_WI[:3, 3] - T_WI[:3, 3]
-        nees.append(e @ np.linalg.solve(place.cov_p, e))
+        measured = kept.measure(frame, beside @ T_WI)
+        assert measured is not None
+        e = measured.T_WI[:3, 3] - T_WI[:3, 3]
+        nees.append(e @ np.linalg.solve(measured.cov_p, e))
         errors.append(np.linalg.norm(e))
     assert np.mean(errors) < 0.003
     assert np.mean(nees) < 4.0
-    assert np.sqrt(np.trace(place.cov_p)) < 0.01
+    assert np.sqrt(np.trace(measured.cov_p)) < 0.01
 
 
 def test_jacobian_of_the_rows(rng: np.random.Generator) -> None:

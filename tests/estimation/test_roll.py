@@ -1,4 +1,4 @@
-"""The roll that control foresees reaches the front-end in the right sense and at the right time."""
+"""The roll that control predicts reaches the front-end with the right sign and at the right time."""
 
 import numpy as np
 import pytest
@@ -27,9 +27,9 @@ def test_a_prior_interpolates_and_says_nothing_of_what_it_does_not_know():
     assert prior.between(150 * STEP_NS, 155 * STEP_NS) is None
 
 
-def test_the_turn_about_the_view_is_replaced_and_nothing_else():
-    turn = so3.log(with_roll(so3.exp(np.array([0.02, -0.03, 0.5])), -0.1))
-    np.testing.assert_allclose(turn, [0.02, -0.03, -0.1], atol=1e-12)
+def test_only_the_rotation_about_the_optical_axis_is_replaced():
+    rotation = so3.log(with_roll(so3.exp(np.array([0.02, -0.03, 0.5])), -0.1))
+    np.testing.assert_allclose(rotation, [0.02, -0.03, -0.1], atol=1e-12)
 
 
 def test_a_rolling_arc_rolls_its_camera_as_control_foresees():

@@ -1,4 +1,4 @@
-"""The camera's time and place as states: found from motion, left alone without it."""
+"""The camera's time offset and extrinsics as states: estimated in motion, unchanged without it."""
 
 import numpy as np
 import pytest
@@ -31,7 +31,7 @@ POINTS_W = np.array([[2.0, 0.5, 0.3], [3.0, -0.8, 0.2], [2.5, 0.1, -0.4], [1.5, 
 
 
 def rig(R_IC: Float, p_IC: Float) -> SensorRig:
-    """The bench's sensors as a calibration has them that puts the camera elsewhere."""
+    """The bench's sensors with other extrinsics in their calibration."""
     T_CI = se3.inv(se3.from_rt(R_IC, p_IC))
     return RIG.model_copy(update={"cam0": RIG.cam0.model_copy(update={"T_cam_imu": tuple(map(tuple, T_CI.tolist()))})})
 
@@ -39,7 +39,7 @@ def rig(R_IC: Float, p_IC: Float) -> SensorRig:
 def calibrated(
     head: SwingingHead, believed: SensorRig, settings: CalibrationSettings = WIDE, readout_s: float = 0.0
 ) -> tuple[Extrinsics, Float]:
-    """Return the mount that the filter finds and one sigma of its error."""
+    """Return the extrinsics that the filter estimates and one sigma of their error."""
     frontend = SimulatedFrontend(head, SETTINGS.noise, head.late_ns, readout_s)
     vio = VisualInertialOdometry(SETTINGS.model_copy(update={"calibration": settings}), believed, head.seed, frontend)
     for packet in head.packets():
@@ -50,7 +50,7 @@ def calibrated(
 
 
 def window() -> State:
-    """Three poses of a camera whose mount is free, and landmarks."""
+    """Three poses of a camera with estimated extrinsics, and landmarks."""
     state = State(0, np.eye(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.eye(CORE) * 1e-4)
     freed = initial_extrinsics(RIG.cam0, WIDE)
     assert freed is not None
@@ -74,8 +74,8 @@ def observed_from(state: State, rng: np.random.Generator) -> Observations:
     return Observations.weighted(xyz + rng.normal(0, 0.3 / 400, xyz.shape), np.ones(xyz.shape[:2], bool), ROWS)
 
 
-def test_rows_by_the_cameras_place(rng: np.random.Generator) -> None:
-    """p_C = R_CI (p_I - p_IC): [p_C]x by the orientation, -R_CI by the place."""
+def test_rows_by_the_extrinsics(rng: np.random.Generator) -> None:
+    """p_C = R_CI (p_I - p_IC): [p_C]x by the orientation, -R_CI by the position."""
     R, p = so3.exp(rng.normal(0, 0.3, 3)), rng.normal(0, 0.3, 3)
     extrinsics = Extrinsics(R_IC, P_IC, estimates_pose=True)
     observed = Observations.weighted(np.array([[[0.1, 0.05, 2.5]]]), np.ones((1, 1), bool), ROWS)
@@ -97,7 +97,7 @@ def test_an_error_of_the_time_moves_the_clone() -> None:
     assert state.cov == pytest.approx(J @ before @ J.T, abs=1e-15)
 
 
-def test_projected_features_and_landmarks_tell_the_place_as_dense_rows_do(rng: np.random.Generator) -> None:
+def test_projected_tracks_and_landmarks_agree_with_dense_rows(rng: np.random.Generator) -> None:
     """L and H^T r of both kinds of rows against a dense, numeric Jacobian; the innovation against S = H P H^T + I."""
     state = window()
     observed = observed_from(state, rng)
@@ -113,12 +113,14 @@ def test_projected_features_and_landmarks_tell_the_place_as_dense_rows_do(rng: n
     Hx, Hf = H[:, state.camera_poses_part], H[:, points]
     assert np.linalg.norm(H[:, state.extrinsics_part]) > 0.0
     away = np.eye(len(r)) - Hf @ np.linalg.inv(Hf.T @ Hf) @ Hf.T
-    told = Information.none(state.size)
+    total = Information.none(state.size)
     innovation = features.innovation(state)
-    features.linearise(state, told)
+    features.linearise(state, total)
     scale = np.abs(Hx.T @ Hx).max()
-    assert told.L[state.camera_poses_part, state.camera_poses_part] == pytest.approx(Hx.T @ away @ Hx, abs=1e-6 * scale)
-    assert told.gradient[state.camera_poses_part] == pytest.approx(Hx.T @ away @ r, rel=1e-4, abs=1e-3)
+    assert total.L[state.camera_poses_part, state.camera_poses_part] == pytest.approx(
+        Hx.T @ away @ Hx, abs=1e-6 * scale
+    )
+    assert total.gradient[state.camera_poses_part] == pytest.approx(Hx.T @ away @ r, rel=1e-4, abs=1e-3)
     own = slice(0, 9)
     S = (
         Hx[own] @ state.cov[state.camera_poses_part, state.camera_poses_part] @ Hx[own].T
@@ -135,11 +137,11 @@ def test_projected_features_and_landmarks_tell_the_place_as_dense_rows_do(rng: n
     assert seen.gradient == pytest.approx(H[rows].T @ r[rows], rel=1e-4, abs=1e-3)
 
 
-def test_a_wrong_time_and_place_are_found() -> None:
+def test_wrong_time_offset_and_extrinsics_are_estimated() -> None:
     """Frames stamped 10 ms late, the camera 2 deg and 1 cm from where the calibration puts it."""
-    turn, way = np.deg2rad(2.0) * np.array([0.6, -0.64, 0.48]), 0.01 * np.array([0.48, 0.6, -0.64])
+    rotation, shift = np.deg2rad(2.0) * np.array([0.6, -0.64, 0.48]), 0.01 * np.array([0.48, 0.6, -0.64])
     head = SwingingHead(seed=1, duration_s=8.0, tracks=80, late_ns=10_000_000)
-    extrinsics, sigma = calibrated(head, rig(R_IC @ so3.exp(turn), P_IC + way))
+    extrinsics, sigma = calibrated(head, rig(R_IC @ so3.exp(rotation), P_IC + shift))
     off_s = extrinsics.offset_s + 0.010
     off_rad = so3.log(R_IC.T @ extrinsics.R_IC)
     off_m = extrinsics.p_IC - P_IC
@@ -170,17 +172,17 @@ def test_the_readout_of_a_rolling_shutter_is_found(readout_ms: int) -> None:
     assert sigma[1] < 1e-3
 
 
-def test_rows_move_by_the_readout_as_the_camera_turns(rng: np.random.Generator) -> None:
-    """d(x, y)/dt_r against a turn of the camera by w (v / H - 1/2) for a short time."""
+def test_rows_move_by_the_readout_as_the_camera_rotates(rng: np.random.Generator) -> None:
+    """d(x, y)/dt_r against a rotation of the camera at w (v / H - 1/2) for a short time."""
     xy, height, w_C, short_s = rng.normal(size=(5, 2)), rng.uniform(size=5), np.array([0.4, -0.7, 1.1]), 1e-6
-    turned = np.column_stack([xy, np.ones(5)])
+    rotated = np.column_stack([xy, np.ones(5)])
     for n in range(5):
-        turned[n] = so3.exp(w_C * (height[n] - 0.5) * short_s).T @ turned[n]
-    moved = (turned[:, :2] / turned[:, 2:] - xy) / short_s
+        rotated[n] = so3.exp(w_C * (height[n] - 0.5) * short_s).T @ rotated[n]
+    moved = (rotated[:, :2] / rotated[:, 2:] - xy) / short_s
     assert readout_flow(xy, height, w_C) == pytest.approx(moved, abs=1e-4)
 
 
-def test_what_the_calibration_knows_goes_before_the_settings() -> None:
+def test_the_calibration_has_precedence_over_the_settings() -> None:
     known = RIG.cam0.model_copy(update={"timeshift_sigma_s": 0.0})
     assert initial_extrinsics(known, CalibrationSettings()) is None
     loose = RIG.cam0.model_copy(update={"timeshift_sigma_s": 0.02, "shutter": "rolling"})
@@ -196,7 +198,7 @@ class Resting(SwingingHead):
         return np.tile(np.eye(3), (len(t_s), 1, 1)), np.zeros((len(t_s), 3))
 
 
-def test_a_head_at_rest_learns_nothing_of_its_camera() -> None:
+def test_a_stationary_head_does_not_observe_its_camera() -> None:
     extrinsics, sigma = calibrated(Resting(seed=0, duration_s=8.0, tracks=60), RIG)
     assert extrinsics.offset_s == 0.0
     assert sigma[0] == pytest.approx(0.010)
@@ -206,11 +208,11 @@ def test_a_head_at_rest_learns_nothing_of_its_camera() -> None:
     assert np.linalg.norm(extrinsics.p_IC - P_IC) < 0.003
 
 
-def test_what_has_no_sigma_is_held() -> None:
-    turn = np.deg2rad(1.0) * np.array([0.0, 1.0, 0.0])
+def test_without_a_sigma_nothing_is_estimated() -> None:
+    rotation = np.deg2rad(1.0) * np.array([0.0, 1.0, 0.0])
     time_alone = CalibrationSettings(time_offset_sigma_ms=5.0)
     head = SwingingHead(seed=1, duration_s=3.0, tracks=60)
-    believed = rig(R_IC @ so3.exp(turn), P_IC)
+    believed = rig(R_IC @ so3.exp(rotation), P_IC)
     extrinsics, sigma = calibrated(head, believed, time_alone)
     assert np.array_equal(extrinsics.p_IC, believed.cam0.T_IC[:3, 3])
     assert np.array_equal(extrinsics.R_IC, believed.cam0.T_IC[:3, :3])

@@ -1,4 +1,4 @@
-"""Starts: from rest with any gyro bias, with a tremor, with an IMU that is late, silent or ends."""
+"""Starts: stationary with any gyro bias or a tremor; an IMU that is late, silent or ends."""
 
 from collections.abc import Callable, Iterable
 
@@ -23,7 +23,7 @@ def moved_m(estimates: list[FrameEstimate]) -> float:
     return float(np.linalg.norm(p - p[0], axis=1).max())
 
 
-STILL = [
+STATIONARY = [
     ((0.0, 0.06, 0.0), (0.05, -0.03, 0.02), 0.0),
     ((-0.0022, 0.0215, 0.077), (0.05, -0.03, 0.02), 0.0),
     ((0.12, -0.15, 0.1), (0.05, -0.03, 0.02), 0.0),
@@ -32,19 +32,19 @@ STILL = [
 ]
 
 
-@pytest.mark.parametrize(("bias_g", "bias_a", "tremor_m"), STILL)
-def test_a_still_camera_without_depth_starts_at_rest(
+@pytest.mark.parametrize(("bias_g", "bias_a", "tremor_m"), STATIONARY)
+def test_a_stationary_camera_without_depth_has_a_stationary_start(
     bias_g: tuple[float, float, float], bias_a: tuple[float, float, float], tremor_m: float
 ) -> None:
-    """Whatever the gyro's bias: the image says that nothing moves, and the bias is what the gyro then reports."""
-    wall = Wall(still=True, depth=False, bias_g=bias_g, bias_a=bias_a, tremor_m=tremor_m)
+    """Whatever the gyro's bias: the image shows that nothing moves, and the bias is the gyro's mean rate then."""
+    wall = Wall(stationary=True, depth=False, bias_g=bias_g, bias_a=bias_a, tremor_m=tremor_m)
     estimates = run(wall.packets(3.0))
     assert any("initialised, stationary" in e.events for e in estimates)
     assert all(e.pose is not None and e.health.verdict.tracked for e in estimates if e.t_ns >= 500_000_000)
     assert moved_m(estimates) < 0.003 + 2.0 * tremor_m
 
 
-def test_a_still_start_of_a_camera_that_then_moves() -> None:
+def test_a_stationary_start_of_a_camera_that_then_moves() -> None:
     wall = Wall(depth=False, bias_g=(-0.0022, 0.0215, 0.077))
     estimates = run(wall.packets(3.0))
     assert not any("reset" in e.events for e in estimates)
@@ -54,9 +54,9 @@ def test_a_still_start_of_a_camera_that_then_moves() -> None:
     assert abs(went - true) < 0.05
 
 
-@pytest.mark.parametrize("still", [True, False])
-def test_no_start_before_the_imu_is_there(still: bool) -> None:
-    wall = Wall(still=still, depth=False, start_s=0.0 if still else 2.0)
+@pytest.mark.parametrize("stationary", [True, False])
+def test_no_start_before_the_imu_is_there(stationary: bool) -> None:
+    wall = Wall(stationary=stationary, depth=False, start_s=0.0 if stationary else 2.0)
     estimates = run(wall.packets(2.5), lambda s: s.t_ns > 1_000_000_000)
     assert all(e.pose is None for e in estimates if e.t_ns <= 1_000_000_000)
     assert any(e.pose is not None and e.health.verdict.tracked for e in estimates)

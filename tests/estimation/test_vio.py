@@ -18,7 +18,7 @@ def run(wall: Wall, duration_s: float) -> list[FrameEstimate]:
 
 
 def errors(wall: Wall, estimates: list[FrameEstimate]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return position and rotation errors after bringing yaw and place of the first pose together, and variances."""
+    """Return position and rotation errors after aligning yaw and position of the first pose, and variances."""
     tracked = [e for e in estimates if e.pose is not None and e.health.verdict.tracked]
     true = [wall.pose(e.t_ns / 1e9) for e in tracked]
     first = tracked[0].pose.T_WI
@@ -29,7 +29,7 @@ def errors(wall: Wall, estimates: list[FrameEstimate]) -> tuple[np.ndarray, np.n
     return e_p, e_r, np.array([e.pose.cov for e in tracked])
 
 
-def test_rgbd_from_rest() -> None:
+def test_rgbd_from_a_stationary_start() -> None:
     wall = Wall()
     estimates = run(wall, 4.0)
     e_p, e_r, _ = errors(wall, estimates)
@@ -49,16 +49,16 @@ def test_monocular_start_in_motion() -> None:
     assert np.linalg.norm(e_p, axis=1).max() < 0.08
 
 
-def test_still_head_does_not_drift() -> None:
-    wall = Wall(still=True)
+def test_a_stationary_head_does_not_drift() -> None:
+    wall = Wall(stationary=True)
     e_p, _, _ = errors(wall, run(wall, 5.0))
     assert np.linalg.norm(e_p, axis=1).max() < 0.005
 
 
 @pytest.mark.parametrize("depth", [True, False], ids=["depth", "mono"])
-def test_nearly_still_head_holds_its_place(depth: bool) -> None:
+def test_a_nearly_stationary_head_keeps_its_position(depth: bool) -> None:
     """The first pose within 1 s, and at most 5 mm of drift in 5 s, without any parallax too."""
-    wall = Wall(still=True, tremor_m=0.0005, depth=depth)
+    wall = Wall(stationary=True, tremor_m=0.0005, depth=depth)
     estimates = run(wall, 6.0)
     first = next(e for e in estimates if e.pose is not None)
     assert first.t_ns <= 1_000_000_000
@@ -67,7 +67,7 @@ def test_nearly_still_head_holds_its_place(depth: bool) -> None:
     assert not any("reset" in e.events for e in estimates)
 
 
-def test_covariance_tells_the_error() -> None:
+def test_the_covariance_is_consistent_with_the_error() -> None:
     """NEES of position and orientation (3 each when exact), wide bounds: a few seeds on a rendered scene."""
     nees_p, nees_r = [], []
     for seed in range(2):
@@ -81,7 +81,7 @@ def test_covariance_tells_the_error() -> None:
 
 def test_same_packets_same_bytes() -> None:
     once, again = (run(Wall(), 1.5) for _ in range(2))
-    poses = [[e.pose.T_WI.tobytes() for e in take if e.pose is not None] for take in (once, again)]
+    poses = [[e.pose.T_WI.tobytes() for e in estimates if e.pose is not None] for estimates in (once, again)]
     assert len(poses[0]) > 20
     assert poses[0] == poses[1]
 

@@ -1,4 +1,4 @@
-"""The visual mode on drawn frames: a textured wall before a camera that moves and turns."""
+"""The visual mode on drawn frames: a textured wall in front of a camera that moves and rotates."""
 
 import cv2
 import numpy as np
@@ -30,13 +30,13 @@ SIZE_PX = 1500
 
 
 def texture(seed: int) -> np.ndarray:
-    """Patches of several sizes, like a wall with pictures on it."""
+    """Patches of several sizes, like a wall with posters on it."""
     rng = np.random.default_rng(seed)
-    picture = np.zeros((SIZE_PX, SIZE_PX))
+    image = np.zeros((SIZE_PX, SIZE_PX))
     for side in (6, 15, 50):
         patches = rng.uniform(0, 85, (SIZE_PX // side, SIZE_PX // side))
-        picture += cv2.resize(patches, (SIZE_PX, SIZE_PX), interpolation=cv2.INTER_NEAREST)
-    return cv2.GaussianBlur(picture, (0, 0), 1.0).astype(np.uint8)
+        image += cv2.resize(patches, (SIZE_PX, SIZE_PX), interpolation=cv2.INTER_NEAREST)
+    return cv2.GaussianBlur(image, (0, 0), 1.0).astype(np.uint8)
 
 
 WALL = texture(0)
@@ -44,7 +44,7 @@ WALL = texture(0)
 
 def draw(k: int, T_C0C: np.ndarray, wall: np.ndarray = WALL) -> CameraFrame:
     """Frame ``k`` of a camera at ``T_C0C``, the wall being the plane z = 2 m of C0."""
-    # Texture (u, v, 1) to the wall's plane in C0, then into the picture.
+    # Texture (u, v, 1) to the wall's plane in C0, then into the image.
     half = SIZE_PX / 2 / PX_PER_M
     M = np.array([[1 / PX_PER_M, 0.0, -half], [0.0, 1 / PX_PER_M, -half], [0.0, 0.0, WALL_M]])
     T_CC0 = se3.inv(T_C0C)
@@ -57,8 +57,8 @@ def draw(k: int, T_C0C: np.ndarray, wall: np.ndarray = WALL) -> CameraFrame:
     return CameraFrame(k * STEP_NS, k, np.clip(gray + noise, 0, 255).astype(np.uint8), None, depth.astype(np.float32))
 
 
-def way(k: int) -> np.ndarray:
-    """A weaving path T_C0C with turns of up to 40 deg/s."""
+def path(k: int) -> np.ndarray:
+    """A weaving path T_C0C with rotations of up to 40 deg/s."""
     t = k * STEP_NS / 1e9
     rho = np.array([0.3 * np.sin(t), 0.1 * np.sin(2 * t), 0.2 * np.sin(1.5 * t)])
     theta = np.array([0.1 * np.sin(1.3 * t), 0.3 * np.sin(2.0 * t), 0.2 * np.sin(t)])
@@ -73,15 +73,15 @@ def run(frames: list[CameraFrame], seed: int = 0) -> list[FrameEstimate]:
 
 @pytest.fixture(scope="module")
 def walk() -> list[FrameEstimate]:
-    return run([draw(k, way(k)) for k in range(60)])
+    return run([draw(k, path(k)) for k in range(60)])
 
 
 def true_T_WI(k: int) -> np.ndarray:
     T_WC0 = se3.from_rt(R_LEVEL_WC, -R_LEVEL_WC @ T_CI[:3, 3])
-    return T_WC0 @ way(k) @ T_CI
+    return T_WC0 @ path(k) @ T_CI
 
 
-def test_the_imu_is_followed_through_the_extrinsics(walk: list[FrameEstimate]) -> None:
+def test_the_pose_is_that_of_the_imu(walk: list[FrameEstimate]) -> None:
     assert walk[0].pose is not None
     np.testing.assert_allclose(walk[0].pose.T_WI, np.eye(4), atol=1e-9)
     assert walk[0].events == ("initialised",)
@@ -111,13 +111,13 @@ def test_tracks_keep_their_ids(walk: list[FrameEstimate]) -> None:
 
 
 def test_the_same_seed_gives_the_same_bytes() -> None:
-    frames = [draw(k, way(k)) for k in range(15)]
+    frames = [draw(k, path(k)) for k in range(15)]
     first, again = ([e.pose.T_WI.tobytes() for e in run(frames, 3) if e.pose is not None] for _ in range(2))
     assert len(first) == 15
     assert first == again
 
 
-def test_imu_samples_are_not_looked_at() -> None:
+def test_imu_samples_are_ignored() -> None:
     estimator = VisualOdometry(SETTINGS.visual, SETTINGS.noise, SETTINGS.health.max_blind_s, RIG, 0)
     assert estimator.process(ImuSample(0, np.zeros(3), np.zeros(3))) is None
 
@@ -129,7 +129,7 @@ def test_frames_without_depth_are_refused_in_one_line() -> None:
     assert error.value.exit_code == 2
 
 
-def test_it_waits_for_a_picture_to_start_with() -> None:
+def test_it_waits_for_an_image_with_features() -> None:
     dark = CameraFrame(0, 0, np.zeros((240, 320), np.uint8), None, np.full((240, 320), 2.0, np.float32))
     (estimate,) = run([dark])
     assert estimate.pose is None
@@ -142,10 +142,10 @@ def dark_frame(k: int) -> CameraFrame:
     return CameraFrame(k * STEP_NS, k, gray, None, np.zeros((240, 320), np.float32))
 
 
-def test_after_the_dark_the_map_is_found_again_though_the_camera_moved() -> None:
-    frames = [draw(k, way(k)) for k in range(10)]
+def test_after_a_blind_time_the_map_is_recognised_though_the_camera_moved() -> None:
+    frames = [draw(k, path(k)) for k in range(10)]
     frames += [dark_frame(k) for k in range(10, 30)]
-    frames += [draw(k, way(k)) for k in range(30, 33)]
+    frames += [draw(k, path(k)) for k in range(30, 33)]
     estimates = run(frames)
     for estimate in estimates[10:30]:
         assert estimate.health.verdict is Verdict.BLIND
@@ -157,18 +157,18 @@ def test_after_the_dark_the_map_is_found_again_though_the_camera_moved() -> None
         assert np.linalg.norm(pose.T_WI[:3, 3] - true_T_WI(k)[:3, 3]) < 0.03
 
 
-def test_uncertainty_grows_in_the_dark() -> None:
-    estimates = run([draw(k, way(k)) for k in range(5)] + [dark_frame(k) for k in range(5, 12)])
+def test_uncertainty_grows_in_a_blind_time() -> None:
+    estimates = run([draw(k, path(k)) for k in range(5)] + [dark_frame(k) for k in range(5, 12)])
     sigmas = [np.trace(e.pose.cov[3:6, 3:6]) for e in estimates[4:] if e.pose is not None]
     assert len(sigmas) == 8
     assert np.all(np.diff(sigmas) > 0)
 
 
-def test_another_place_is_no_silent_wrong_pose_but_a_new_start() -> None:
-    frames = [draw(k, way(k)) for k in range(5)]
+def test_another_scene_is_a_new_start_and_no_wrong_pose() -> None:
+    frames = [draw(k, path(k)) for k in range(5)]
     elsewhere = texture(1)
     late = 5 + int(SETTINGS.health.max_blind_s * 1e9 / STEP_NS) + 1
-    frames += [draw(k, way(k), elsewhere) for k in [*range(5, 9), late, late + 1]]
+    frames += [draw(k, path(k), elsewhere) for k in [*range(5, 9), late, late + 1]]
     estimates = run(frames)
     assert all(e.health.verdict is Verdict.BLIND for e in estimates[5:9])
     assert estimates[9].events == ("reset", NEW_MAP)
@@ -176,15 +176,15 @@ def test_another_place_is_no_silent_wrong_pose_but_a_new_start() -> None:
     assert estimates[10].pose is not None
 
 
-def test_a_picture_that_does_not_change_is_said_to() -> None:
-    frames = [draw(k, way(k)) for k in range(4)]
+def test_a_frozen_image_is_reported() -> None:
+    frames = [draw(k, path(k)) for k in range(4)]
     same = CameraFrame(4 * STEP_NS, 4, frames[3].gray, None, frames[3].depth_m)
     estimate = run([*frames, same])[-1]
     assert estimate.health.verdict is Verdict.BLIND
     assert estimate.health.reasons == ("the image does not change",)
 
 
-def test_a_leap_is_not_believed() -> None:
+def test_an_implausible_motion_is_rejected() -> None:
     leap = se3.from_rt(np.eye(3), np.array([0.35, 0.0, 0.0]))
     settings = SETTINGS.model_copy(update={"visual": SETTINGS.visual.model_copy(update={"max_speed_m_s": 1.0})})
     estimator = VisualOdometry(settings.visual, settings.noise, settings.health.max_blind_s, RIG, 0)
@@ -196,8 +196,8 @@ def test_a_leap_is_not_believed() -> None:
 
 
 def test_noise_is_not_mistaken_for_the_map() -> None:
-    """Pictures full of corners that mean nothing, with a good depth: no pose may rest on them."""
-    frames = [draw(k, way(k)) for k in range(10)]
+    """Images of random corners with a good depth: no pose may follow from them."""
+    frames = [draw(k, path(k)) for k in range(10)]
     depth = frames[0].depth_m
     for k in range(10, 30):
         rng = np.random.default_rng([4, k])
@@ -207,10 +207,10 @@ def test_noise_is_not_mistaken_for_the_map() -> None:
 
 
 @pytest.mark.parametrize("contrast", [0.15, 0.06])
-def test_where_the_picture_fades_poses_are_right_or_not_given(contrast: float) -> None:
-    frames = [draw(k, way(k)) for k in range(8)]
+def test_poses_from_images_of_low_contrast_are_right_or_missing(contrast: float) -> None:
+    frames = [draw(k, path(k)) for k in range(8)]
     for k in range(8, 40):
-        frame = draw(k, way(k), (128 + contrast * (WALL.astype(float) - 128)).astype(np.uint8))
+        frame = draw(k, path(k), (128 + contrast * (WALL.astype(float) - 128)).astype(np.uint8))
         frames.append(frame)
     for k, estimate in enumerate(run(frames)):
         if estimate.health.verdict.tracked:

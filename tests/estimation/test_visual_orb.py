@@ -31,7 +31,7 @@ def test_of_two_points_at_one_feature_the_nearer_gets_it() -> None:
     assert len(best_pairs(np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0, np.uint16), 64, 0.8)) == 0
 
 
-def test_corners_are_spread_over_the_picture() -> None:
+def test_corners_are_spread_over_the_image() -> None:
     rng = np.random.default_rng(1)
     px = np.vstack([rng.uniform(0, 100, (900, 2)), rng.uniform(0, 1, (100, 2)) * [640, 480]]).astype(np.float32)
     strong_corner = np.r_[np.full(900, 100.0), np.full(100, 1.0)]
@@ -41,23 +41,23 @@ def test_corners_are_spread_over_the_picture() -> None:
     assert np.count_nonzero(kept >= 900) > 60
 
 
-def test_an_empty_picture_has_no_features() -> None:
+def test_an_empty_image_has_no_features() -> None:
     features = OrbExtractor(VisualSettings()).extract(np.full((480, 640), 80, np.uint8))
     assert len(features) == 0
     assert features.descriptors.shape == (0, 4)
 
 
-def test_features_of_a_textured_picture_are_found_again_in_its_turned_copy() -> None:
+def test_features_of_an_image_match_those_of_its_rotated_copy() -> None:
     rng = np.random.default_rng(2)
-    picture = np.kron(rng.integers(0, 255, (60, 80)), np.ones((8, 8))).astype(np.uint8)
+    image = np.kron(rng.integers(0, 255, (60, 80)), np.ones((8, 8))).astype(np.uint8)
     extractor = OrbExtractor(VisualSettings(features=400))
-    a, b = extractor.extract(picture), extractor.extract(np.ascontiguousarray(picture[::-1, ::-1]))
+    a, b = extractor.extract(image), extractor.extract(np.ascontiguousarray(image[::-1, ::-1]))
     assert 300 < len(a) <= 400
     bits = hamming(a.descriptors[:, None], b.descriptors[None])
     best = bits.argmin(axis=1)
     found = bits.min(axis=1) < 40
-    turned = np.array([639.0, 479.0]) - b.px[best]
-    assert np.count_nonzero(found & (np.linalg.norm(turned - a.px, axis=-1) < 4.0)) > 150
+    rotated = np.array([639.0, 479.0]) - b.px[best]
+    assert np.count_nonzero(found & (np.linalg.norm(rotated - a.px, axis=-1) < 4.0)) > 150
 
 
 def filled_map(n: int) -> PointMap:
@@ -66,7 +66,7 @@ def filled_map(n: int) -> PointMap:
     return points
 
 
-def test_points_that_are_not_found_where_they_should_be_are_forgotten() -> None:
+def test_points_that_are_seldom_matched_are_removed() -> None:
     points = filled_map(3)
     for frame in range(JUDGED_AFTER + 2):
         # 0 is found always, 1 never, 2 is never expected.
@@ -88,7 +88,7 @@ def test_the_map_is_bounded_and_ids_are_never_used_twice() -> None:
     assert points.ids[new].tolist() == [6000, 6001]
 
 
-def test_the_first_look_of_a_point_is_kept() -> None:
+def test_the_first_descriptor_of_a_point_is_kept() -> None:
     points = filled_map(1)
     for k in range(1, 5):
         points.add_descriptors(np.array([0]), np.full((1, 4), k, np.uint64))

@@ -39,11 +39,11 @@ RIG = SensorRig(
 
 @dataclass(frozen=True)
 class Wall:
-    """Packets of one take; ``seed`` draws texture and noise."""
+    """Packets of one run; ``seed`` draws texture and noise."""
 
     seed: int = 0
     depth: bool = True
-    still: bool = False
+    stationary: bool = False
     tremor_m: float = 0.0
     """Amplitude of a hand's tremor at 3 Hz."""
     start_s: float = 0.0
@@ -51,8 +51,8 @@ class Wall:
     bias_a: tuple[float, float, float] = (0.05, -0.03, 0.02)
 
     def pose(self, t_s: float) -> NDArray[np.float64]:
-        """Return T_WI: at rest, then swaying and turning, smoothly."""
-        t = 0.0 if self.still else max(0.0, t_s + self.start_s - REST_S)
+        """Return T_WI: stationary, then swaying and rotating smoothly."""
+        t = 0.0 if self.stationary else max(0.0, t_s + self.start_s - REST_S)
         ease = t**3 / (t**3 + 0.1)
         p = ease * np.array([0.1 * np.sin(1.7 * t), 0.25 * np.sin(1.3 * t), 0.1 * np.sin(2.1 * t)])
         w = ease * np.array([0.1 * np.sin(1.1 * t), 0.08 * np.sin(1.9 * t), 0.15 * np.sin(0.9 * t)])

@@ -86,7 +86,7 @@ def test_small_angles_are_exact(group: Group, scale: float) -> None:
 
 
 @pytest.mark.parametrize("short", [0.0, 1e-9, 1e-6, 1e-3])
-def test_log_near_half_a_turn(short: float) -> None:
+def test_log_near_pi(short: float) -> None:
     axis = np.array([0.48, -0.6, 0.64])
     w = so3.log(so3.exp((np.pi - short) * axis))
     np.testing.assert_allclose(np.abs(w @ axis), np.pi - short, atol=1e-7)

@@ -1,9 +1,9 @@
-"""What is free around the head, and which way a patrol turns."""
+"""The free distances around the head, and the steering of a patrol."""
 
 import numpy as np
 import pytest
 
-from snakeslam.mapping.clearance import BLOCKED_M, DIRECTIONS_DEG, REACH_M, Clearance, clearance, patrol_turn
+from snakeslam.mapping.clearance import BLOCKED_M, DIRECTIONS_DEG, REACH_M, Clearance, clearance, patrol_steering
 from snakeslam.messages import MapChunk
 
 HEAD = np.array([1.0, 2.0, 0.0])
@@ -11,7 +11,7 @@ FLOOR_M = -0.1
 
 
 def chunk(points: np.ndarray) -> MapChunk:
-    """Points of the world, in a keyframe that is turned and away from the origin."""
+    """Points of the world, in a keyframe that is rotated and away from the origin."""
     T = np.eye(4)
     T[:3, :3] = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
     T[:3, 3] = [0.5, -0.3, 0.2]
@@ -24,7 +24,7 @@ def wall(x_m: float, y: tuple[float, float] = (0.0, 4.0), z: tuple[float, float]
     return np.column_stack([np.full(ys.size, x_m), ys.ravel(), zs.ravel()])
 
 
-def test_nothing_seen_is_free_as_far_as_it_reaches() -> None:
+def test_an_empty_map_is_free_up_to_the_reach() -> None:
     assert clearance([], HEAD, 0.3, FLOOR_M).free_m == (REACH_M,) * len(DIRECTIONS_DEG)
 
 
@@ -36,7 +36,7 @@ def test_a_wall_ahead_is_as_far_as_it_is() -> None:
     assert behind.ahead_m == REACH_M
 
 
-def test_the_floor_a_table_and_single_points_are_in_nobodys_way() -> None:
+def test_the_floor_a_table_and_single_points_are_no_obstacles() -> None:
     floor = np.column_stack(
         [np.repeat(np.arange(1, 4, 0.05), 40), np.tile(np.arange(1, 3, 0.05), 60), np.full(2400, -0.09)]
     )
@@ -49,28 +49,28 @@ def free(ahead: float, left: float = 3.0, right: float = 3.0) -> Clearance:
     return Clearance(tuple(left if at > 0 else right if at < 0 else ahead for at in DIRECTIONS_DEG))
 
 
-def test_it_turns_to_the_freer_side_before_the_wall_and_keeps_to_it() -> None:
-    assert patrol_turn(free(2.0), 0) == 0
-    assert patrol_turn(free(1.2, left=0.5, right=2.0), 0) == -1
-    assert patrol_turn(free(1.2, left=2.0, right=0.5), 0) == 1
-    assert patrol_turn(free(1.2, left=2.0, right=0.5), -1) == -1, "no hesitating in a corner"
-    assert patrol_turn(free(2.0), -1) == -1
-    assert patrol_turn(free(2.5), -1) == 0
-    assert patrol_turn(free(BLOCKED_M - 0.01, left=0.6, right=0.5), 1) == 1, "there is room to the left still"
-    assert patrol_turn(free(BLOCKED_M - 0.01, left=0.5, right=0.6), 1) is None
-    assert patrol_turn(free(BLOCKED_M - 0.01, left=0.5, right=0.5), 0) is None
+def test_it_steers_to_the_freer_side_and_stays_with_it() -> None:
+    assert patrol_steering(free(2.0), 0) == 0
+    assert patrol_steering(free(1.2, left=0.5, right=2.0), 0) == -1
+    assert patrol_steering(free(1.2, left=2.0, right=0.5), 0) == 1
+    assert patrol_steering(free(1.2, left=2.0, right=0.5), -1) == -1, "no hesitating in a corner"
+    assert patrol_steering(free(2.0), -1) == -1
+    assert patrol_steering(free(2.5), -1) == 0
+    assert patrol_steering(free(BLOCKED_M - 0.01, left=0.6, right=0.5), 1) == 1, "the left is still free"
+    assert patrol_steering(free(BLOCKED_M - 0.01, left=0.5, right=0.6), 1) is None
+    assert patrol_steering(free(BLOCKED_M - 0.01, left=0.5, right=0.5), 0) is None
 
 
 def test_a_patrol_on_a_plane_stays_between_four_walls() -> None:
-    """A unicycle with the robot's pace and rate of turning, for ten minutes; it would be at a wall after one."""
+    """A unicycle with the robot's speed and yaw rate, for ten minutes; straight ahead it would hit a wall after one."""
     span = np.arange(-2.5, 2.51, 0.05)
     sides = [np.column_stack([np.full(span.size, s), span]) for s in (-2.5, 2.5)]
     outline = np.concatenate([*sides, *(side[:, ::-1] for side in sides)])
-    room = [chunk(np.column_stack([np.repeat(outline, 3, axis=0), np.tile([0.0, 0.1, 0.2], len(outline))]))]
+    walls = [chunk(np.column_stack([np.repeat(outline, 3, axis=0), np.tile([0.0, 0.1, 0.2], len(outline))]))]
     x, y, yaw, turning = 0.0, 0.0, 0.4, 0
     travelled_m, nearest_m = 0.0, np.inf
     for _ in range(600):
-        chosen = patrol_turn(clearance(room, np.array([x, y, 0.0]), yaw, FLOOR_M), turning)
+        chosen = patrol_steering(clearance(walls, np.array([x, y, 0.0]), yaw, FLOOR_M), turning)
         assert chosen is not None
         turning = chosen
         yaw += np.deg2rad(8.0) * turning

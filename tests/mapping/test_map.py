@@ -57,7 +57,7 @@ def test_too_many_points_are_cut_evenly_and_the_rest_may_come_later() -> None:
     assert sorted([*first.tolist(), *rest.tolist()]) == list(range(1000))
 
 
-def test_a_place_seen_again_adds_only_what_is_new() -> None:
+def test_a_view_of_known_space_adds_only_new_points() -> None:
     settings = MappingSettings(max_points=20_000)
     mapper = KeyframeMapper(settings, CAMERA)
     counts = []
@@ -79,11 +79,11 @@ def test_depth_edges_and_what_is_out_of_range_are_left_out() -> None:
     assert trusted[200, 500]
 
 
-def test_a_keyframe_is_taken_where_the_view_is_new() -> None:
+def test_a_new_view_is_a_keyframe() -> None:
     mapper = KeyframeMapper(SETTINGS, CAMERA)
-    ways = [(0.0, 0.0), (0.05, 0.0), (0.2, 0.0), (0.2, 30.0), (0.0, 0.0)]
+    poses = [(0.0, 0.0), (0.05, 0.0), (0.2, 0.0), (0.2, 30.0), (0.0, 0.0)]
     taken = []
-    for k, (x, yaw_deg) in enumerate(ways):
+    for k, (x, yaw_deg) in enumerate(poses):
         T_WC = se3.from_rt(so3.from_yaw(np.deg2rad(yaw_deg)), np.array([x, 0.0, 0.0]))
         taken.append(len(mapper.update(wall(seq=k, t_ns=k * 10**9), T_WC)))
     assert taken == [1, 0, 1, 1, 0]

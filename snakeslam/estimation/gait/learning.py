@@ -127,8 +127,8 @@ class SlipModel:
             [[RATIO_WALK_PER_S], self._prior[BIAS] / BIAS_TIME_S, self._prior[PERIODIC] / PERIODIC_TIME_S]
         )
         growth = growth * modelled.dt_s
-        room = np.maximum(0.0, self._prior - np.diag(self._cov))
-        self._cov = self._cov + np.diag(np.minimum(growth, room))
+        headroom = np.maximum(0.0, self._prior - np.diag(self._cov))
+        self._cov = self._cov + np.diag(np.minimum(growth, headroom))
 
         # 2. Kalman update x <- x + K e with the innovation e, S = slip + cov_dp + J P J^T, if e is within its gate.
         e, J = dp_I - modelled.dp_I, self._jacobian(modelled)

@@ -276,15 +276,15 @@ class SlidingWindow:
         tracks, lengths = self._tracks, self._tracks.lengths
         long = tracked & (lengths >= MIN_TRACK)
         used = long & tracks.seen[:, 0] & oldest_leaves
-        room = self._settings.window.max_landmarks - len(self.state.landmarks)
+        capacity = self._settings.window.max_landmarks - len(self.state.landmarks)
         candidates = np.flatnonzero(long & ~used & tracks.has_depth)
-        used[candidates[np.lexsort((tracks.ids[candidates], -lengths[candidates]))[: max(0, room)]]] = True
+        used[candidates[np.lexsort((tracks.ids[candidates], -lengths[candidates]))[: max(0, capacity)]]] = True
         return used
 
     def _make_landmarks(self, features: ProjectedTracks, candidates: NDArray[np.int64]) -> None:
-        room = self._settings.window.max_landmarks - len(self.state.landmarks)
+        capacity = self._settings.window.max_landmarks - len(self.state.landmarks)
         chosen = among(features.ids, candidates)
-        chosen &= np.cumsum(chosen) <= room
+        chosen &= np.cumsum(chosen) <= capacity
         if chosen.any():
             promote(self.state, features, chosen)
 

@@ -86,7 +86,7 @@ def _reasons(evidence: Evidence, settings: HealthSettings) -> tuple[str, ...]:
         ),
         (
             agreement.tried >= ENOUGH_TRIED and agreement.ratio > settings.max_innovation,
-            f"innovations {agreement.ratio:.1f} times what is foreseen",
+            f"innovations {agreement.ratio:.1f} times the predicted ones",
         ),
         (evidence.imu_gap_s > settings.max_imu_gap_s, f"IMU silent for {evidence.imu_gap_s * 1e3:.0f} ms"),
         (evidence.bad_samples > 0, f"{evidence.bad_samples} IMU samples were late, not numbers or not possible"),

@@ -24,7 +24,7 @@ def test_all_well() -> None:
     [
         ({"tracked": 8}, Verdict.DEGRADED, "few features"),
         ({"tracked": 2}, Verdict.BLIND, "few features"),
-        ({"agreement": Agreement(60, 55, 4.0)}, Verdict.DEGRADED, "4.0 times what is foreseen"),
+        ({"agreement": Agreement(60, 55, 4.0)}, Verdict.DEGRADED, "4.0 times the predicted ones"),
         ({"agreement": Agreement(60, 20, 0.9)}, Verdict.DEGRADED, "40 of 60"),
         ({"agreement": Agreement(60, 0, 50.0)}, Verdict.BLIND, "60 of 60"),
         ({"frozen": True}, Verdict.BLIND, "does not change"),

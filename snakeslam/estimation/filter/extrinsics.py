@@ -69,6 +69,7 @@ def initial_extrinsics(cam0: CameraCalibration, settings: CalibrationSettings) -
 
     The calibration's own statements about the camera's clock and shutter take precedence over the settings.
     """
+    # One sigma of each part; those with sigma 0 are not estimated.
     known_s, T_IC = cam0.timeshift_sigma_s, cam0.T_IC
     time_s = settings.time_offset_sigma_ms / 1e3 if known_s is None else known_s
     pose = np.repeat([np.deg2rad(settings.rotation_sigma_deg), settings.position_sigma_mm / 1e3], 3)

@@ -13,7 +13,7 @@ import numpy as np
 from snakeslam.messages import Float, ImuSample
 
 NEIGHBOURS = 9
-"""Samples before, whose median is the reference: 45 ms at 200 Hz. A lasting change is believed after half of them."""
+"""Samples before, whose median is the reference: 45 ms at 200 Hz. A lasting change is accepted after half of them."""
 FEWEST = 5
 """Fewer samples than this have no meaningful median."""
 JUMP_ACCEL_M_S2, JUMP_RATE_RAD_S = 5.0, 1.0
@@ -72,16 +72,18 @@ class ImuFaultDetector:
             return sample, None
         last = self._before[-1]
         d_gyro, d_accel = sample.gyro_I - last.gyro_I, sample.accel_I - last.accel_I
+        # 1. Stuck: the same six values again and again.
         self._repeats = 0 if d_gyro.any() or d_accel.any() else self._repeats + 1
         before = list(self._before)
         self._before.append(sample)
         if self._repeats >= STUCK:
             return sample, SampleDoubt(SILENT_RATE_RAD_S, SILENT_ACCEL_M_S2, stuck=True)
         if not self._jumped and d_gyro @ d_gyro < JUMP_RATE_RAD_S**2 and d_accel @ d_accel < JUMP_ACCEL_M_S2**2:
-            # A sample near one that is not doubted is no jump. Almost all samples end here.
+            # 2. A sample near one that is not doubted is no jump. Almost all samples end here.
             return sample, None
         if len(before) < FEWEST:
             return sample, None
+        # 3. A jump away from the median of the last samples: that median is integrated, the jump is the doubt.
         gyro, rate = _jump(np.array([s.gyro_I for s in before]), sample.gyro_I, JUMP_RATE_RAD_S)
         accel, force = _jump(np.array([s.accel_I for s in before]), sample.accel_I, JUMP_ACCEL_M_S2)
         self._jumped = rate > 0.0 or force > 0.0

@@ -256,6 +256,7 @@ class ImuBuffer:
             return None
         if self._cut is not None and self._cut[:2] == (start_ns, end_ns):
             return self._cut[2]
+        # Cut the time at every sample; the value of a span is that of the sample at its end, or the mean of both ends.
         first = max(0, bisect_right(self._samples, start_ns, key=_time) - 1)
         near = self._samples[first : bisect_right(self._samples, end_ns, key=_time) + 1]
         t = np.array([s.t_ns for s in near], dtype=np.int64)

@@ -58,15 +58,17 @@ class ReferencePatches:
         rotation from the first camera frame F to this one. Features without a patch stay where they are. Patches of
         features that are no longer tracked, or no longer similar to their patch, are dropped.
         """
+        # 1. Patches of features that are no longer tracked go; ``at`` are the features of the others that have a depth.
         self._keep(among(self._ids, ids))
         order = np.argsort(ids, kind="stable")
         at = order[np.searchsorted(ids[order], self._ids)]
         seen = depth_m[at] > 0.0
         at, slots = at[seen], self._slots[seen]
-        # A = z0/z1 (R_xy - (x, y)^T R_z) of each, with R from the patch's camera to this one.
+        # 2. Shape A = z0/z1 (R_xy - (x, y)^T R_z) of each, with R from the patch's camera to this one.
         R = R_CF @ np.swapaxes(self._R[slots], 1, 2)
         A = R[:, :2, :2] - xy[at][:, :, None] * R[:, 2:, :2]
         A = np.asarray(A * (self._depth_m[slots] / depth_m[at])[:, None, None], dtype=np.float64)
+        # 3. Align; a patch that correlates badly, or is too far from where KLT tracked it, is dropped.
         found, correlation = _align_all(gray, px[at], A, self._patches, slots)
         good = (correlation >= MIN_CORRELATION) & (np.abs(found - px[at]).max(axis=1, initial=0.0) < MAX_SHIFT_PX)
         px = px.copy()
@@ -167,7 +169,7 @@ def _align(gray: NDArray[np.uint8], u: float, v: float, A: Float, patch: Float32
     Inverse-compositional: the gradients G = (W_x, W_y) are those of the patch, so that G^T G is summed only once. With
     J = (I(u + A d) - mean) / std each step is d = (G^T G)^-1 G^T (W - J), u <- u + A d.
     """
-    # Normal matrix and G^T W.
+    # G^T G = [xx xy; xy yy] and G^T W = (wx, wy), with the patch W in column 0 and its gradients in 1 and 2.
     xx = xy = yy = wx = wy = 0.0
     for m in range(SIDE * SIDE):
         xx += patch[m, 1] * patch[m, 1]
@@ -192,11 +194,13 @@ def _align(gray: NDArray[np.uint8], u: float, v: float, A: Float, patch: Float32
                 gx += patch[m, 1] * grey
                 gy += patch[m, 2] * grey
                 m += 1
+        # Correlation with the window, which is normalised as the patch is.
         mean = total / m
         std = np.sqrt(max(squares / m - mean * mean, 0.0))
         if std < MIN_CONTRAST:
             return u, v, 0.0
         correlation = product / (m * std)
+        # Step d = (G^T G)^-1 (G^T W - G^T I / std) in the patch's coordinates, A d in the image's.
         bx, by = wx - gx / std, wy - gy / std
         dx, dy = (yy * bx - xy * by) / det, (xx * by - xy * bx) / det
         u += A[0, 0] * dx + A[0, 1] * dy

@@ -21,11 +21,11 @@ KLT_EPSILON_PX = 0.02
 KLT_STEPS = 20
 """KLT ends when a step is shorter than KLT_EPSILON_PX, or after so many."""
 MORE_LEVELS = 2
-"""Additional levels of the pyramid where the predicted motion is doubted: features are sought four times as far."""
+"""Additional levels of the pyramid where the predicted motion is doubted: features are searched four times as far."""
 CORNERS_PER_TRACK = 4
 """With fewer corners than this for each missing track the FAST threshold is halved: the grid takes one of a cell."""
 FEW_MISSING = 0.05
-"""Share of ``max_tracks`` that may be missing before new corners are sought."""
+"""Share of ``max_tracks`` that may be missing before new corners are detected."""
 MIN_EIGENVALUE = 3e-3
 """Least eigenvalue of a window's gradient matrix (OpenCV's scale); with less texture KLT drifts along an edge."""
 MIN_ROLL_SINE = 0.015
@@ -84,7 +84,8 @@ class Frontend:
         """Track the features of the last frame into ``frame``, and detect new ones where there are few.
 
         ``T_C1C0`` (4, 4) is the predicted motion of the camera: its rotation is taken as known, its translation only
-        starts KLT. Where it is ``doubted``, features are sought farther away, and the rotation is found from them.
+        starts KLT. Where it is ``doubted``, features are searched farther away, and the rotation is estimated from
+        them.
         """
         gray = frame.gray
         if self._gray is not None and np.array_equal(self._gray, gray):
@@ -141,7 +142,7 @@ class Frontend:
     ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.int64]]:
         """Return the pixels before, the pixels now and the ids of the features that KLT finds again."""
         # 1. Predicted ray R x0 + t / z0, without the translation where the depth is unknown. A feature that the
-        #    prediction takes behind the camera or out of the image is sought where it was.
+        #    prediction takes behind the camera or out of the image is searched where it was.
         rays = np.column_stack([self._camera.normalise(self._px), np.ones(len(self._px))]) @ T_C1C0[:3, :3].T
         known = self._depth_m > 0.0
         rays[known] += T_C1C0[:3, 3] / self._depth_m[known, None]

@@ -48,6 +48,7 @@ class AngleFilter:
             q_rad = joints.q_rad
         else:
             before, q_before_rad = self._last
+            # Predict with the mean of both rates, then correct by the angle, as above.
             dt_s = (joints.t_ns - before.t_ns) * NS
             predicted_rad = q_before_rad + 0.5 * (before.dq_rad_s + joints.dq_rad_s) * dt_s
             var_rad2 = self._var_rad2 + (RATE_SIGMA_RAD_S * dt_s) ** 2

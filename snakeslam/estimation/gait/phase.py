@@ -15,7 +15,7 @@ MAX_GROWTH = 1.5
 MAX_TILT_COS = float(np.cos(np.deg2rad(30.0)))
 """A head whose upward direction rotates further than 30 deg rolls with the body: then the period has no symmetry."""
 PATIENCE_FRAMES = 10
-"""After so many frames of another gait its directions are sought anew."""
+"""After so many frames of another gait its directions are determined anew."""
 
 
 class GaitPhase:

@@ -73,10 +73,13 @@ class LandmarkObservations:
         self._scale = robust_scale(r)
         at, H = self._jacobian(state)
         r, H = r * self._scale, H * self._scale[..., None]
+        # H_l^T H_l (k, k) of every landmark l, with k = extrinsics and clone (shared), then the landmark's own three.
         H_T = np.swapaxes(H, 1, 2)
         blocks, gradient = H_T @ H, (H_T @ r[..., None])[..., 0]
         shared, owned = slice(0, at.shape[1] - LANDMARK), slice(at.shape[1] - LANDMARK, None)
+        # Indices of both in the state: the shared ones are the same for all, so their block is the sum.
         pose, own = at[0, shared], at[:, owned]
+
         total.L[pose[:, None], pose] += blocks[:, shared, shared].sum(axis=0)
         total.L[pose[None, :, None], own[:, None, :]] += blocks[:, shared, owned]
         total.L[own[:, :, None], pose[None, None, :]] += blocks[:, owned, shared]

@@ -43,8 +43,10 @@ def triangulate(poses: Poses, observed: Observations, camera: ReprojectionModel)
     for _ in range(ITERATIONS):
         damped = A.copy()
         damped[:, diagonal, diagonal] += damping[:, None] * (A[:, diagonal, diagonal] + TINY)
+        # Step (A + mu diag A)^-1 g of every point.
         trial: Float = np.asarray(points + np.linalg.solve(damped, g[..., None])[..., 0], dtype=np.float64)
         A_trial, g_trial, trial_cost = _normal_equations(trial, poses, observed, camera)
+        # Accept it for the points whose cost falls; mu <- mu / 10 for these, 10 mu for the others.
         better = trial_cost <= cost
         settled = bool(np.all(np.abs(cost - trial_cost) <= CONVERGED * (cost + CONVERGED)))
         points = np.where(better[:, None], trial, points)
@@ -63,6 +65,7 @@ def _start(poses: Poses, observed: Observations, camera: ReprojectionModel) -> F
     p_WC = poses.p_WI + poses.R_WI @ camera.p_IC
     rays = np.concatenate([observed.xyz[..., :2], np.ones((*observed.seen.shape, 1))], axis=-1)
     rays_W = np.einsum("nij,mnj->mni", R_WC, rays)
+    # Mean over the depths with weights 1 / sigma_z^2; points without a depth start nearest to their rays.
     weight = observed.weight[..., 2] ** 2
     total = weight.sum(axis=1)
     lifted = p_WC[None] + rays_W * observed.xyz[..., 2:]
@@ -106,6 +109,7 @@ def _well_determined(
     distance, sigma ~ distance^2.
     """
     p_C = points_in_camera(points, poses, camera)
+    # sigma = 1 / sqrt(lambda_min(A)) is that along the worst direction, mostly that of the ray.
     in_front = np.all((p_C[..., 2] > MIN_Z_M) | ~observed.seen, axis=1) & np.all(np.isfinite(points), axis=1)
     weakest = np.maximum(np.linalg.eigvalsh(A)[:, 0], TINY)
     distance = np.linalg.norm(points - poses.p_WI[-1], axis=1)

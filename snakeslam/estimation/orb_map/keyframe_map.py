@@ -11,12 +11,12 @@ from snakeslam.estimation.orb_map.bundle import Bundle, adjust
 from snakeslam.estimation.orb_map.orb import IndexPairs
 from snakeslam.estimation.orb_map.points import PointMap
 from snakeslam.estimation.orb_map.settings import OrbMapSettings
-from snakeslam.estimation.orb_map.view import Match, View
+from snakeslam.estimation.orb_map.view import Match, OrbView
 from snakeslam.geometry import se3, so3
 from snakeslam.messages import Float
 
 RECENT_KEYFRAMES = 60
-"""Keyframes that share points with a new one are sought among so many of the last ones."""
+"""Keyframes that share points with a new one are selected from so many of the last ones."""
 MIN_SHARED = 15
 """Points that two keyframes must share to be adjusted together."""
 
@@ -45,7 +45,7 @@ class OrbMap:
         self.keyframes: list[Keyframe] = []
 
     def add_keyframe(
-        self, T_WC: Float, cov: Float, view: View, feature: NDArray[np.int64], point: NDArray[np.int64]
+        self, T_WC: Float, cov: Float, view: OrbView, feature: NDArray[np.int64], point: NDArray[np.int64]
     ) -> None:
         """Add a frame whose ``feature`` (n,) are observations of ``point`` (n,); others with depth become new points.
 
@@ -59,24 +59,28 @@ class OrbMap:
         ids = self.points.ids[np.concatenate([point, added])]
         order = np.argsort(ids)
         seen = np.concatenate([feature, fresh])[order]
+        # T_WC Exp(d) = Exp(Ad d) T_WC: the covariance in W is Ad cov Ad^T.
         Ad = se3.adjoint(T_WC)
         self.keyframes.append(Keyframe(T_WC, Ad @ cov @ Ad.T, ids[order], view.xyz[seen], view.weights[seen]))
         self.points.shrink(self._settings.max_points)
 
-    def extend(self, T_WC: Float, cov: Float, view: View, match: Match, before: IndexPairs) -> Float:
+    def extend(self, T_WC: Float, cov: Float, view: OrbView, match: Match, before: IndexPairs) -> Float:
         """Add a keyframe, merge points that are the same, adjust; return the adjusted T_WC.
 
         A feature that matches a recent point (``match``) and one of long ago (``before``) shows that they are the same:
         a loop is closed.
         """
+        # 1. The id of the point that each feature observes, -1 for none.
         good = match.fit.inliers
         ids = np.full(len(view), -1, np.int64)
         ids[match.feature[good]] = self.points.ids[match.point[good]]
+        # 2. A feature with a recent and an old point: the observations of both are those of the old one.
         older = self.points.ids[before.point]
         twice = (ids[before.feature] >= 0) & (ids[before.feature] != older)
         self._merge(ids[before.feature][twice], older[twice])
         ids[np.isin(ids, older)] = -1
         ids[before.feature] = older
+        # 3. Add the keyframe with the points that are left, then adjust.
         feature = np.flatnonzero(np.isin(ids, self.points.ids))
         point = np.searchsorted(self.points.ids, ids[feature])
         self.points.add_descriptors(point, view.features.descriptors[feature])
@@ -149,7 +153,7 @@ class OrbMap:
         Ad = se3.adjoint(se3.inv(T_WC))
         return Ad @ cov_W @ Ad.T
 
-    def is_new(self, T_WC: Float, view: View, feature: NDArray[np.int64]) -> bool:
+    def is_new(self, T_WC: Float, view: OrbView, feature: NDArray[np.int64]) -> bool:
         """Return whether few of the features are in the map, or no keyframe has a similar position and orientation."""
         has_depth = view.has_depth
         if np.count_nonzero(has_depth[feature]) < self._settings.keyframe_matched * np.count_nonzero(has_depth):
@@ -162,7 +166,7 @@ class OrbMap:
         return bool(np.all(rotation_rad > np.deg2rad(self._settings.keyframe_angle_deg)))
 
 
-def _in_world(T_WC: Float, view: View, feature: NDArray[np.int64]) -> tuple[Float, Float]:
+def _in_world(T_WC: Float, view: OrbView, feature: NDArray[np.int64]) -> tuple[Float, Float]:
     """Return the positions (n, 3) and information (n, 3, 3) in W of features with depth.
 
     p_C = z (x, y, 1), so dp_C/d(x, y, z) = B = [z 0 x; 0 z y; 0 0 1], and with w = 1/sigma the information in C is

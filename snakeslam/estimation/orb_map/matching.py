@@ -10,7 +10,7 @@ from snakeslam.estimation.orb_map.keyframe_map import OrbMap
 from snakeslam.estimation.orb_map.orb import IndexPairs, best_pairs, hamming
 from snakeslam.estimation.orb_map.pnp import MIN_Z_M, PointObservations, ransac_pose, refine_pose
 from snakeslam.estimation.orb_map.settings import OrbMapSettings
-from snakeslam.estimation.orb_map.view import Match, View
+from snakeslam.estimation.orb_map.view import Match, OrbView
 from snakeslam.messages import Float
 
 REFERENCE_FOCAL_PX = 500.0
@@ -45,20 +45,22 @@ class Matcher:
         limits = camera.normalise(_extremes(np.column_stack([column, row]).astype(np.float64)))
         self._low, self._high = limits.min(axis=0) - MARGIN, limits.max(axis=0) + MARGIN
 
-    def near(self, view: View, known: OrbMap, T_WC: Float) -> Match | None:
+    def near(self, view: OrbView, known: OrbMap, T_WC: Float) -> Match | None:
         """Return the match near a predicted pose: a wide search for recent points, then a narrow one for all."""
+        # 1. Wide search for the points matched in the last frames, around their predicted projections.
         recent = np.flatnonzero(known.points.age <= RECENT_FRAMES)
         among = self._visible(known, T_WC, recent if len(recent) >= MIN_RECENT else None)
         wide = self._search(view, known, T_WC, among, self._settings.search_px)
+        # 2. A first pose from these pairs; then a narrow search for all points from there.
         start = self._consensus(view, known, wide, T_WC)
         return None if start is None else self._match_narrow(view, known, start)
 
-    def anywhere(self, view: View, known: OrbMap) -> Match | None:
+    def anywhere(self, view: OrbView, known: OrbMap) -> Match | None:
         """Return the match of an image with unknown pose, by its descriptors alone."""
         start = self._consensus(view, known, self._all_pairs(view, known), None)
         return None if start is None else self._match_narrow(view, known, start)
 
-    def seen_before(self, view: View, known: OrbMap, T_WC: Float) -> IndexPairs:
+    def seen_before(self, view: OrbView, known: OrbMap, T_WC: Float) -> IndexPairs:
         """Return the inlier pairs with points not matched for some time, from which the map may have drifted."""
         old = self._visible(known, T_WC, np.flatnonzero(known.points.age > OLD_FRAMES))
         pairs = self._search(view, known, T_WC, old, self._settings.search_px)
@@ -69,7 +71,7 @@ class Matcher:
         return IndexPairs(match.point[match.fit.inliers], match.feature[match.fit.inliers])
 
     def _match_narrow(
-        self, view: View, known: OrbMap, T_WC: Float, among: NDArray[np.int64] | None = None
+        self, view: OrbView, known: OrbMap, T_WC: Float, among: NDArray[np.int64] | None = None
     ) -> Match | None:
         """Return the match by a narrow search around a pose that is about right; None without a pose from it."""
         visible = self._visible(known, T_WC, among)
@@ -80,7 +82,7 @@ class Matcher:
         px, ids = view.features.px[pairs.feature], known.points.ids[pairs.point]
         return Match(pairs.point, pairs.feature, px, ids, visible, fit)
 
-    def _consensus(self, view: View, known: OrbMap, pairs: IndexPairs, T_WC: Float | None) -> Float | None:
+    def _consensus(self, view: OrbView, known: OrbMap, pairs: IndexPairs, T_WC: Float | None) -> Float | None:
         """Return the pose with the most inliers: refined from the prediction if that has enough, else by RANSAC."""
         seen = _observations(view, known, pairs)
         if T_WC is not None:
@@ -102,22 +104,24 @@ class Matcher:
         return inside if among is None else among[inside]
 
     def _search(
-        self, view: View, known: OrbMap, T_WC: Float, points: NDArray[np.int64], radius_px: float
+        self, view: OrbView, known: OrbMap, T_WC: Float, points: NDArray[np.int64], radius_px: float
     ) -> IndexPairs:
         """Match each point with the features within ``radius_px`` of its projection."""
         if not len(points) or not len(view):
             return NO_PAIRS
+        # Candidates: features within the radius of the projection (x/z, y/z) of q = R_WC^T (p_W - p_WC).
         q = (known.points.points_W[points] - T_WC[:3, 3]) @ T_WC[:3, :3]
         xy = q[:, :2] / np.maximum(q[:, 2:], MIN_Z_M)
         near = cKDTree(xy).sparse_distance_matrix(
             cKDTree(view.xyz[:, :2]), radius_px / REFERENCE_FOCAL_PX, output_type="ndarray"
         )
         rows, columns = points[near["i"]], near["j"]
+        # The distance of a point is the least over its descriptors.
         of_points, of_features = known.points.descriptors[rows], view.features.descriptors[columns]
         bits = hamming(of_points, of_features[:, None]).min(axis=-1)
         return best_pairs(rows, columns, bits, self._settings.max_hamming, self._settings.match_ratio)
 
-    def _all_pairs(self, view: View, known: OrbMap) -> IndexPairs:
+    def _all_pairs(self, view: OrbView, known: OrbMap) -> IndexPairs:
         """Match every feature with every map point by the descriptor of its first observation."""
         if not len(view) or known.points.count < 2:
             return NO_PAIRS
@@ -129,5 +133,5 @@ class Matcher:
         return IndexPairs(point, feature)
 
 
-def _observations(view: View, known: OrbMap, pairs: IndexPairs) -> PointObservations:
+def _observations(view: OrbView, known: OrbMap, pairs: IndexPairs) -> PointObservations:
     return PointObservations(known.points.points_W[pairs.point], view.xyz[pairs.feature], view.weights[pairs.feature])

@@ -71,6 +71,7 @@ class OrbExtractor:
 
 def spread(px: NDArray[np.float32], response: Float, shape: tuple[int, ...], count: int) -> NDArray[np.int64]:
     """Return the indices of ``count`` corners: the best of each cell, then the second best of each, and so on."""
+    # Rank of each corner within its cell, by response; then the corners by rank.
     cell_px = max(MIN_CELL_PX, float(np.sqrt(KEPT_PER_CELL * shape[0] * shape[1] / count)))
     columns = int(shape[1] / cell_px) + 1
     cell = (px[:, 1] / cell_px).astype(np.int64) * columns + (px[:, 0] / cell_px).astype(np.int64)

@@ -19,7 +19,7 @@ BLUR_TO_SIGMA = 0.3
 
 
 @dataclass(frozen=True, slots=True)
-class View:
+class OrbView:
     """ORB features of one frame, ``xyz`` (N, 3) normalised x, y and depth in m (0 = unknown), ``weights`` 1/sigma."""
 
     features: OrbFeatures
@@ -54,7 +54,7 @@ class Match:
 
 def extract_view(
     frame: CameraFrame, orb: OrbExtractor, camera: PinholeCamera, noise: NoiseSettings, rate_rad_s: float
-) -> View:
+) -> OrbView:
     """Return a frame's features with depth and noise; a rotation at ``rate_rad_s`` adds motion blur.
 
     sigma_px^2 = (pixel_px scale)^2 + (0.3 f rate exposure)^2, sigma_z = a + b z^2.
@@ -68,4 +68,4 @@ def extract_view(
     w_xy = camera.focal_px / sigma_px
     sigma_z = noise.depth_offset_m + noise.depth_square_per_m * z**2
     weights = np.stack([w_xy, w_xy, np.where(z > 0.0, 1.0 / sigma_z, 0.0)], axis=-1)
-    return View(features, np.column_stack([camera.normalise(features.px), z]), weights)
+    return OrbView(features, np.column_stack([camera.normalise(features.px), z]), weights)

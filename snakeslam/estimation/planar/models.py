@@ -66,7 +66,9 @@ class Rods:
         with w = load / sqrt(|v|^2 + slip^2) of the iteration before: Coulomb friction by iteratively re-weighted least
         squares. ``load`` (N,) >= 0.
         """
+        # Weighted least squares over all rods, [A b]^T W [A b] = normal, u = -(A^T W A)^-1 A^T W b; then new weights.
         flat = self._friction_rows(theta, dtheta, friction_ratio)
+
         u: Float = np.zeros(3)
         weight = load
         for _ in range(BALANCE_ITERATIONS):

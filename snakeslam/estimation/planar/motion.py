@@ -52,6 +52,7 @@ class GaitMotionModel:
 
     def shape(self, q_rad: Float, R_WI: Float) -> BodyShape:
         """Return the head's pose on the body, for joints (N,) and the attitude of the IMU (its yaw has no effect)."""
+        # Links in a frame with the IMU at the origin, its yaw zero, z up; their mean is the centre of mass.
         R_level = so3.from_yaw(-so3.yaw(R_WI)) @ R_WI
         Ts = link_poses_from_imu(self._model, q_rad, se3.from_rt(R_level, np.zeros(3)))
         com = se3.act(Ts, self._model.com_L)[:, :2].mean(axis=0)
@@ -99,6 +100,7 @@ class GaitMotionModel:
 
     def _arc_rolling(self, q_rad: Float, dq_rad_s: Float) -> Twist:
         """Return the motion of Eq. (32)-(36): the phase is the direction of the bend; positive rates roll right."""
+        # Mean bend (a, b) = A (sin, cos)(phase) of yaw and pitch joints; its rate is omega = (b da - a db) / A^2.
         a, b = float(q_rad[self._yaw].mean()), float(q_rad[self._pitch].mean())
         da, db = float(dq_rad_s[self._yaw].mean()), float(dq_rad_s[self._pitch].mean())
         amplitude = float(np.hypot(a, b))

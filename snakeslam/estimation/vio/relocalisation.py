@@ -22,7 +22,7 @@ from snakeslam.estimation.orb_map.keyframe_map import OrbMap
 from snakeslam.estimation.orb_map.matching import NO_PAIRS, Matcher
 from snakeslam.estimation.orb_map.orb import OrbExtractor
 from snakeslam.estimation.orb_map.pnp import PoseFit
-from snakeslam.estimation.orb_map.view import Match, View, extract_view
+from snakeslam.estimation.orb_map.view import Match, OrbView, extract_view
 from snakeslam.estimation.settings import EstimatorSettings
 from snakeslam.geometry import se3, so3
 from snakeslam.messages import CameraFrame, Float, MapTie
@@ -57,7 +57,7 @@ class ImageKeyframe:
     T_WI: Float
     cov_p: Float
     island: int = 0
-    view: View | None = field(default=None)
+    view: OrbView | None = field(default=None)
 
 
 @dataclass(slots=True)
@@ -167,10 +167,10 @@ class Keyframes:
         cosine = 0.5 * (np.einsum("kij,ij->k", Ts[:, :3, :3], T_WI[:3, :3]) - 1.0)
         return np.asarray(np.maximum(moved_m / APART_M, np.arccos(np.clip(cosine, -1.0, 1.0)) / APART_RAD))
 
-    def _extract(self, frame: CameraFrame) -> View:
+    def _extract(self, frame: CameraFrame) -> OrbView:
         return extract_view(frame, self._orb, self._camera, self._settings.noise, 0.0)
 
-    def _match(self, keyframe: ImageKeyframe, view: View, t_ns: int, predicted_WI: Float | None) -> PoseFit | None:
+    def _match(self, keyframe: ImageKeyframe, view: OrbView, t_ns: int, predicted_WI: Float | None) -> PoseFit | None:
         """Return T_I0I and its covariance, searched near a predicted pose, or by descriptors alone without one."""
         if keyframe.view is None:
             keyframe.view = self._extract(keyframe.frame)

@@ -65,7 +65,7 @@ class Starter:
         return self._waited_frames > DOUBTS_AFTER_FRAMES
 
     def try_to_start(self, observed: FrameFeatures, imu: ImuBuffer) -> tuple[SlidingWindow, str] | None:
-        """Return a filter at the frame before its correction (from rest) or after it (from motion), and how."""
+        """Return a filter at the frame before its correction (stationary) or after it (in motion), and the event."""
         self._history.append(observed)
         covered_ns = imu.covered_since_ns(observed.t_ns, self._max_gap_s)
         if covered_ns is None:

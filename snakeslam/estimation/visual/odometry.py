@@ -18,7 +18,7 @@ from snakeslam.estimation.measurements.settings import NoiseSettings
 from snakeslam.estimation.orb_map.keyframe_map import OrbMap
 from snakeslam.estimation.orb_map.matching import Matcher
 from snakeslam.estimation.orb_map.orb import OrbExtractor
-from snakeslam.estimation.orb_map.view import Match, View, extract_view
+from snakeslam.estimation.orb_map.view import Match, OrbView, extract_view
 from snakeslam.estimation.visual.settings import VisualSettings
 from snakeslam.geometry import se3
 from snakeslam.messages import CameraFrame, Float, Health, MapTie, Packet, PoseEstimate, Verdict
@@ -32,7 +32,7 @@ COAST_S = 0.3
 MAX_OLD_MAPS = 4
 """Maps that are not connected to the present one and are kept to find it in them."""
 TIE_EVERY_FRAMES = 10
-"""While the present map is not connected, it is sought in the earlier ones every so many frames."""
+"""While the present map is not connected, it is matched with the earlier ones every so many frames."""
 NO_INDICES = np.empty(0, np.int64)
 BLIND_SIGMA_M_S = 0.5
 BLIND_SIGMA_RAD_S = 1.0
@@ -155,7 +155,7 @@ class VisualOdometry:
     def _predict(self, last: _TrackedPose, t_ns: int) -> Float:
         return last.predict(t_ns, self._roll.between(last.t_ns, t_ns))
 
-    def _start(self, frame: CameraFrame, view: View, events: tuple[str, ...]) -> FrameEstimate:
+    def _start(self, frame: CameraFrame, view: OrbView, events: tuple[str, ...]) -> FrameEstimate:
         """Begin the first map at this frame, with a level camera and the IMU at the origin of W."""
         with_depth = int(np.count_nonzero(view.has_depth))
         if with_depth < MIN_START_POINTS:
@@ -164,7 +164,9 @@ class VisualOdometry:
         T_WC = se3.from_rt(R_LEVEL_WC, -R_LEVEL_WC @ self._T_CI[:3, 3])
         return self._begin(frame, view, T_WC, np.zeros((6, 6)), (*events, "initialised"))
 
-    def _begin(self, frame: CameraFrame, view: View, T_WC: Float, cov: Float, events: tuple[str, ...]) -> FrameEstimate:
+    def _begin(
+        self, frame: CameraFrame, view: OrbView, T_WC: Float, cov: Float, events: tuple[str, ...]
+    ) -> FrameEstimate:
         """Begin a map whose first keyframe is this frame at ``T_WC``; earlier maps are kept to be tied to it."""
         if self._maps:
             self._old = [*self._old, (self._island, self._map)][-MAX_OLD_MAPS:]
@@ -209,7 +211,7 @@ class VisualOdometry:
             return (f"few matches, {off_m:.2f} m from where they should be: {match.inlier_count}",)
         return ()
 
-    def _tie(self, view: View, T_WC: Float) -> tuple[MapTie, Match] | None:
+    def _tie(self, view: OrbView, T_WC: Float) -> tuple[MapTie, Match] | None:
         """Seek a frame of a map that is not connected in the earlier maps; continue in the one that matches it."""
         self._since_tie += 1
         if self._island == 0 or self._since_tie < TIE_EVERY_FRAMES:
@@ -227,7 +229,7 @@ class VisualOdometry:
             return tie, match
         return None
 
-    def _update_map(self, view: View, match: Match, cov: Float) -> Float:
+    def _update_map(self, view: OrbView, match: Match, cov: Float) -> Float:
         """Add the frame as a keyframe if its view is new; return T_WC, which the adjustment may have changed."""
         T_WC, inliers = match.fit.T_WC, match.fit.inliers
         self._map.points.count_frame(match.visible, match.point[inliers])
@@ -236,7 +238,7 @@ class VisualOdometry:
         before = self._matcher.seen_before(view, self._map, T_WC)
         return self._map.extend(T_WC, cov, view, match, before)
 
-    def _health(self, match: Match, view: View) -> Health:
+    def _health(self, match: Match, view: OrbView) -> Health:
         reasons: list[str] = []
         if match.inlier_count < self._settings.few_inliers:
             reasons.append(f"few matches: {match.inlier_count}")

@@ -1,6 +1,7 @@
-"""Folders that belong to a living process: a lock on the folder says so, and the system takes it back at its death.
+"""Folders that belong to a running process, which holds a lock on them until it ends.
 
-A lock (flock) is proof where a process number is none: numbers are given out again, and containers have their own.
+The system releases a lock (flock) when its process dies. A process number would prove nothing, because numbers are
+reused, and containers have numbers of their own.
 """
 
 import contextlib
@@ -14,35 +15,35 @@ from dataclasses import dataclass
 from pathlib import Path
 
 MARK = ".claimed"
-"""Stands in a claimed folder: without it a folder is not ours to clear."""
+"""A file in every claimed folder; a folder without it is never cleared."""
 
 
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """A folder that this process made, or took over empty, and holds locked until ``release``."""
+    """A folder that this process created, or found empty, and holds locked until ``release``."""
 
     path: Path
     descriptor: int
 
     def unmark(self) -> None:
-        """Remove the mark: the folder becomes an ordinary one, which nobody clears."""
+        """Remove the mark, so that the folder is never cleared."""
         (self.path / MARK).unlink(missing_ok=True)
 
     def release(self) -> None:
-        """Give the folder up and leave it where it is."""
+        """Release the lock and leave the folder as it is."""
         with contextlib.suppress(OSError):
             os.close(self.descriptor)
 
     def remove(self) -> None:
-        """Remove the folder with all that is in it."""
+        """Remove the folder with its contents."""
         shutil.rmtree(self.path, ignore_errors=True)
         self.release()
 
 
 def claim(path: Path, mode: int = 0o777) -> Claim | None:
-    """Make the folder ``path``, whose parent exists, and lock it; None when another process has it, or had it first.
+    """Create and lock the folder ``path``, whose parent exists; None when another process has it.
 
-    What a dead process left under this name is cleared. OSError where the folder cannot be made.
+    A folder that a dead process left under this name is cleared first. OSError when it cannot be created.
     """
     while True:
         try:
@@ -52,14 +53,14 @@ def claim(path: Path, mode: int = 0o777) -> Claim | None:
                 return None
             continue
         made = _lock(path)
-        # Somebody who cleared away what is dead may have come between the two and taken the new folder for it.
+        # Between the two, another process that clears dead folders may have removed the new one, not locked yet.
         if made is not None:
             (path / MARK).touch()
             return made
 
 
 def _lock(path: Path) -> Claim | None:
-    """Lock the folder that ``path`` is now; None when another has it, or it is gone."""
+    """Lock the folder that ``path`` names now; None when another process has it, or it is gone."""
     try:
         descriptor = os.open(path, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
     except OSError:
@@ -76,12 +77,12 @@ def _lock(path: Path) -> Claim | None:
 
 
 def lock(path: Path) -> Claim | None:
-    """Lock a folder that is there; None when another process has it. It is never cleared, for it has no mark."""
+    """Lock an existing folder; None when another process has it. It has no mark, so it is never cleared."""
     return _lock(path)
 
 
 def clear_dead(path: Path) -> bool:
-    """Remove a claimed folder whose process is dead; False when it lives, or ``path`` was never claimed."""
+    """Remove a claimed folder whose process is dead; return False when it lives, or ``path`` was never claimed."""
     found = _lock(path)
     if found is None:
         return not os.path.lexists(path)
@@ -107,7 +108,7 @@ def clear_all_dead(folder: Path, pattern: str) -> list[Path]:
 
 
 def claim_temporary(prefix: str) -> Claim:
-    """Return a new folder that only this user may enter, among the system's temporary ones."""
+    """Claim and return a new folder in the system's temporary directory that only this user may enter."""
     while True:
         name = f"{prefix}{os.urandom(6).hex()}"
         made = claim(Path(tempfile.gettempdir()) / name, 0o700)
@@ -117,7 +118,7 @@ def claim_temporary(prefix: str) -> Claim:
 
 @contextmanager
 def temporary_folder(prefix: str) -> Generator[Path]:
-    """Yield such a folder and remove it; those of processes that died before they could are cleared first."""
+    """Yield such a folder and remove it at the end; folders that dead processes left are cleared first."""
     clear_all_dead(Path(tempfile.gettempdir()), f"{prefix}*")
     made = claim_temporary(prefix)
     try:

@@ -2,7 +2,7 @@
 
 
 class SnakeslamError(Exception):
-    """Base of every error that a user may meet; its text is one line.
+    """Base of every error that a user may get; its text is one line.
 
     ``exit_code`` is what the command line returns for it.
     """
@@ -11,7 +11,7 @@ class SnakeslamError(Exception):
 
 
 class InputError(SnakeslamError):
-    """Something the user gave is wrong: a setting, a file, an argument.
+    """A setting, a file or an argument that the user gave is wrong.
 
     The text says what is wrong, where, and what is allowed.
     """

@@ -1,15 +1,15 @@
-"""When Python looks for cycles of garbage: seldom, because a look costs a step its time."""
+"""How often Python collects reference cycles: seldom, because a collection may take as long as a control period."""
 
 import gc
 
 OBJECTS = 50_000
-"""New objects until the next look; Python's own 700 come up several times in a step of the simulator."""
+"""New objects until the next collection; Python's default of 700 is reached several times in a simulator step."""
 
 
 def collect_seldom() -> None:
-    """Leave what there is, modules above all, out of the looks, and have them seldom; for a process that loops.
+    """Exclude existing objects from collection and make it seldom; for a process with a real-time loop.
 
-    Counted references free almost everything; what is left waits a little longer.
+    Reference counts free almost everything at once; cycles are freed a little later.
     """
     gc.collect()
     gc.freeze()

@@ -1,8 +1,8 @@
 """The one reader of YAML: configurations, studies, calibrations, sensor files.
 
-PyYAML parses the syntax; values are made here, from YAML 1.2's core schema and not from YAML 1.1, where ``off`` is
-false, ``010`` is 8, ``1:30`` is 90 and ``2024-01-01`` is a date. Keys are text, a key given twice is an error, nothing
-but plain data is made, and size, depth and what aliases expand to are bounded.
+PyYAML parses the syntax; values are built here by YAML 1.2's core schema and not by YAML 1.1, in which ``off`` is
+false, ``010`` is 8, ``1:30`` is 90 and ``2024-01-01`` is a date. Keys are text, a duplicate key is an error, only plain
+data is built, and size, depth and the expansion of aliases are bounded.
 """
 
 import copy
@@ -19,28 +19,28 @@ MAX_BYTES = 256 * 1024
 """PyYAML reads about 90 kB a second; a configuration has 14 kB."""
 MAX_DEPTH = 32
 MAX_VALUES = 50_000
-"""Scalars, lists and mappings of a document, those that aliases repeat counted again."""
+"""Scalars, lists and mappings of a document, counted again for each alias."""
 LONGEST_NUMBER = 100
 INT = re.compile(r"[-+]?(0|[1-9][0-9]*)|0x[0-9a-fA-F]+|0o[0-7]+")
 FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 LEADING_ZERO = re.compile(r"[-+]?0[0-9]+")
-"""8 in YAML 1.1 and 10 in YAML 1.2 when it reads 010: neither here, it stays text."""
+"""``010`` is 8 in YAML 1.1 and 10 in YAML 1.2; here it stays text."""
 INFINITE = {".inf": float("inf"), "+.inf": float("inf"), "-.inf": float("-inf"), ".nan": float("nan")}
 WORDS = {"true": True, "false": False, "null": None, "~": None, "": None}
 TAG = "tag:yaml.org,2002:"
 LISTS, MAPPINGS = ("seq",), ("map", "opencv-matrix")
 """OpenCV marks its matrices: mappings of rows, cols, dt and data."""
 UNPRINTABLE = re.compile("[\x00-\x08\x0b-\x1f\x7f\ud800-\udfff]")
-"""What an escape in a quoted text can bring in, and no file name, title or message can have."""
+"""Characters that an escape in quoted text can produce and that no file name, title or message may have."""
 OPENCV_HEAD = re.compile(r"\A((?:[ \t]*(?:#.*)?\r?\n)*)%YAML:.*")
-"""OpenCV's first line is no directive of YAML."""
+"""OpenCV's first line, which is not a valid YAML directive."""
 
 
 def read_yaml(path: Path) -> Any:
-    """Return what the YAML file ``path`` holds: None, bool, int, float, str, lists, and dicts with text keys.
+    """Return the content of the YAML file ``path``: None, bool, int, float, str, lists, and dicts with text keys.
 
-    InputError, one line with file and line number, for what cannot be read or is not allowed; FileNotFoundError when
-    there is no such file.
+    InputError, one line with file and line number, when it cannot be read or has something that is not allowed;
+    FileNotFoundError when there is no such file.
     """
     try:
         with path.open("rb") as file:
@@ -59,7 +59,7 @@ def read_yaml(path: Path) -> Any:
 
 
 def parse_yaml(text: str, where: str) -> Any:
-    """Return what the one YAML document ``text`` holds, None for an empty one; InputError: ``where``, line, problem."""
+    """Return the content of the single YAML document ``text``, None if empty; InputError: ``where``, line, problem."""
     if len(text) > MAX_BYTES:
         raise InputError(where, "is too large", f"up to {MAX_BYTES // 1024} KiB")
     text = OPENCV_HEAD.sub(r"\1", text.removeprefix("\ufeff"), count=1)
@@ -77,7 +77,7 @@ def _one_line(text: str) -> str:
 
 
 def scalar(text: str) -> bool | int | float | str | None:
-    """Return the value of a plain (unquoted) scalar; what is not clearly another type is text."""
+    """Return the value of a plain (unquoted) scalar; it is text unless it clearly has another type."""
     if text.lower() in WORDS and text in (text.lower(), text.capitalize(), text.upper()):
         return WORDS[text.lower()]
     if len(text) > LONGEST_NUMBER or LEADING_ZERO.fullmatch(text):
@@ -90,7 +90,7 @@ def scalar(text: str) -> bool | int | float | str | None:
 
 
 class _Builder:
-    """Makes values from PyYAML's events."""
+    """Builds values from PyYAML's events."""
 
     def __init__(self, events: Iterator[yaml.Event]) -> None:
         self._events = events
@@ -155,7 +155,7 @@ class _Builder:
         return found
 
     def _alias(self, event: yaml.AliasEvent) -> Any:
-        """Return a copy of its own, so that changing one place does not change the other."""
+        """Return a copy, so that changing one value does not change the other."""
         name = str(event.anchor)
         if name in self._open:
             raise _error(event, f"*{name} contains itself")
@@ -168,7 +168,7 @@ class _Builder:
     def _count(self, event: yaml.Event, size: int) -> None:
         self._values += size
         if self._values > MAX_VALUES:
-            raise _error(event, f"has too many values; {MAX_VALUES} are allowed, those of aliases counted again")
+            raise _error(event, f"has too many values; {MAX_VALUES} are allowed, counted again for each alias")
 
 
 def _merged(event: yaml.Event, value: Any) -> list[dict[str, Any]]:
@@ -208,5 +208,5 @@ def _check_tag(event: yaml.Event, tag: str | None, known: tuple[str, ...]) -> No
 
 
 def _error(event: yaml.Event, problem: str) -> yaml.MarkedYAMLError:
-    # The stubs name the mark of another parser here.
+    # The stubs declare the mark type of another parser here.
     return yaml.MarkedYAMLError(problem=problem, problem_mark=event.start_mark)  # pyright: ignore[reportArgumentType]

@@ -80,7 +80,7 @@ def test_aliases_are_copies() -> None:
         ("[" * 5000, "it: line 1: is nested too deeply; 32 levels are allowed"),
         ("- " * 50000, "it: line 1: is nested too deeply"),
         ("{a: " * 5000, "it: line 1: is nested too deeply"),
-        (BOMB, "it: line 5: has too many values; 50000 are allowed, those of aliases counted again"),
+        (BOMB, "it: line 5: has too many values; 50000 are allowed, counted again for each alias"),
         ("a: &a [*a]", "it: line 1: *a contains itself"),
         ("a: *b", "it: line 1: *b stands for nothing"),
         ("? [a]\n: 1", "it: line 1: a key has to be plain text"),

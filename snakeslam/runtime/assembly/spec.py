@@ -14,9 +14,9 @@ from snakeslam.runtime.bus.link import Link
 class SessionSpec:
     """What a session runs: the backend of ``config``, or the ``recording`` when there is one.
 
-    ``estimator_mode`` None takes the configured one, for a recording the one that its sensors allow. ``estop_reason``:
-    start latched; ``autostart``: set the gait going after ``run.rest_s``. ``build`` makes the backend, in the child.
-    With ``link`` the robot's nodes run elsewhere and are met there, with settings of their own.
+    ``estimator_mode`` None is the configured one, for a recording the one that its sensors allow. A session with an
+    ``estop_reason`` starts latched; with ``autostart`` the gait starts after ``run.rest_s``. ``build`` builds the
+    backend, in the child process. With ``link`` the robot's nodes run elsewhere, with settings of their own.
     """
 
     config: Config

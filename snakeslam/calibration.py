@@ -1,4 +1,4 @@
-"""Camera and IMU calibration in Kalibr's form: what a backend tells the estimator about its sensors."""
+"""Camera and IMU calibration in Kalibr's form: what the estimator knows about the sensors of a backend."""
 
 from pathlib import Path
 from typing import Annotated, Literal

@@ -201,7 +201,7 @@ def node(
     certificate: CertOption = None,
     key: KeyOption = None,
 ) -> None:
-    """Run one node of the live system, until SIGINT or SIGTERM; of all that meet, one listens."""
+    """Run one node of the live system, until SIGINT or SIGTERM; one of all connected nodes listens."""
     from snakeslam.config import load_config
 
     loaded = load_config(config or configs_dir() / "sim.yaml", settings or ())
@@ -295,7 +295,7 @@ def _load(path: Path, settings: list[str] | None, seed: int | None, duration: fl
 def _experiment(
     config: "Config", recording: Path | None, duration_s: float | None, out: Path | None, as_json: bool, report: bool
 ) -> None:
-    """Run, tell the progress, print the result."""
+    """Run, report the progress, print the result."""
     from snakeslam.studies.experiment import run_experiment
 
     what = _what(config, recording, duration_s)

@@ -1,4 +1,4 @@
-"""One validated tree of settings; each room's part is defined beside its consumer and composed here."""
+"""One validated tree of settings; each package's part is defined beside its consumer and composed here."""
 
 import difflib
 import json
@@ -52,25 +52,25 @@ class GovernorSettings(Settings):
     enabled: bool = False
     """Slow the gait while the estimator is in trouble."""
     least_pace: Annotated[float, Field(gt=0, le=1)] = 0.35
-    """Share of the commanded pace that is always left, or the robot would never leave what it cannot see by."""
+    """Least share of the commanded pace: with none the robot would never leave a place where it sees nothing."""
     enough_tracks: Annotated[int, Field(ge=1)] = 60
-    """With this many features followed, or more, the pace is not touched."""
+    """With this many tracked features, or more, the pace is not reduced."""
     few_tracks: Annotated[int, Field(ge=0)] = 20
-    """With this few the gait goes at its least pace."""
+    """With this few the gait moves at its least pace."""
     fine_innovation: Annotated[float, Field(gt=0)] = 2.0
-    """Squared innovations up to this multiple of what is foreseen (their median) do not touch the pace."""
+    """Squared innovations up to this multiple of their prediction (the median) do not reduce the pace."""
     bad_innovation: Annotated[float, Field(gt=0)] = 6.0
-    """From this multiple on the gait goes at its least pace."""
+    """From this multiple on the gait moves at its least pace."""
     fall_per_s: Annotated[float, Field(gt=0)] = 2.0
-    """How fast the pace is taken, a second."""
+    """Rate at which the pace is reduced, per second."""
     rise_per_s: Annotated[float, Field(gt=0)] = 0.25
-    """How fast it is given back, a second."""
+    """Rate at which the pace is restored, per second."""
     good_s: Annotated[float, Field(ge=0)] = 1.0
-    """It is given back when more would have been allowed for so long, in seconds."""
+    """The pace is restored once more has been allowed for so long, in seconds."""
 
 
 class SafetySettings(Settings):
-    """What stops a robot that moves and sees nothing, and how it gets out again."""
+    """When a moving robot without support from the camera is stopped, and how it backs up."""
 
     max_blind_s: Annotated[float, Field(ge=0, le=3600)] = 5.0
     """Seconds without support from the camera after which a moving robot is held, until an operator starts it again or

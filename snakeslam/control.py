@@ -72,7 +72,7 @@ class Control:
             self._head.sense.line.steer_by(math.radians(command.turn_by_deg))
 
     def _play(self) -> None:
-        """Play the commanded gait; a head that is held on a line turns the robot by the line, not by the gait."""
+        """Play the commanded gait; where the head is held on a line, the line steers, not the gait."""
         gait = self._straight if self._head.steers(self._straight) else self._turned
         if gait != self._gait:
             self._gait = gait
@@ -81,7 +81,7 @@ class Control:
     def step(
         self, t_ns: int, joints: JointState | None, pose: PoseEstimate | None, imu: ImuSample | None
     ) -> JointTarget:
-        """Return the targets at ``t_ns``; the first step takes up the angles that the joints are in.
+        """Return the targets at ``t_ns``; the first step starts from the measured joint angles.
 
         The newest pose and IMU sample are for head control.
         """
@@ -92,7 +92,7 @@ class Control:
         return JointTarget(t_ns, self._follower.q_rad, self._blend.roll_rad)
 
     def _wanted(self, dt_s: float, joints: JointState | None) -> Float:
-        """Return the gait's angles with the head's control over them."""
+        """Return the gait's angles with those of head control in the neck."""
         q_rad = self._blend.step(self._drive * self.throttle, dt_s)
         if self._head.engaged and not self._head.fits(self._blend.gait):
             q_rad = self._release_neck(dt_s)
@@ -103,7 +103,7 @@ class Control:
         return self._head.step(q_rad, self._blend, self._follower.q_rad, joints, dt_s)
 
     def _release_neck(self, dt_s: float = 0.0) -> Float:
-        """Let the blend go on from where feedback has brought the neck, ``dt_s`` later."""
+        """End feedback on the neck: the blend continues from the angles that it has reached, ``dt_s`` later."""
         q_rad, dq_rad_s = self._follower.q_rad, self._follower.dq_rad_s
         if self._head.engaged:
             self._blend.resume_from(q_rad + dq_rad_s * dt_s, dq_rad_s)

@@ -1,4 +1,4 @@
-"""The frozen types that cross rooms: packets in, estimates, targets and map changes out.
+"""The frozen types that cross packages: packets in, estimates, targets and map changes out.
 
 Arrays are made read-only; times are integer nanoseconds; frames and units are in the names (CONTRIBUTING.md).
 """
@@ -116,7 +116,7 @@ class GaitCommand:
 class HeadCommand:
     """What the operator asks of the head; None leaves a thing as it is.
 
-    ``turn_by_deg`` turns the head's reference line, and so the robot, positive to the left.
+    ``turn_by_deg`` rotates the head's reference line, and so steers the robot, positive to the left.
     """
 
     t_ns: int
@@ -160,7 +160,7 @@ class Health:
     """A verdict with its reasons in words, for the operator.
 
     ``innovation`` is the median of the squared innovations over what is foreseen, None where too few were tried.
-    ``map_connected`` is False after a new start whose map nothing ties to the one before: the pose is good within the
+    ``map_connected`` is False after a new start whose map is not tied to the one before: the pose is good within the
     new map, and may be metres off in the old one.
     """
 
@@ -205,7 +205,7 @@ class MapChunk:
     """Coloured points of one keyframe, in its camera's frame; a higher ``revision`` replaces a lower one.
 
     ``T_WK`` (4, 4), ``points_K`` (N, 3) float32 m, ``rgb`` (N, 3) uint8. ``island`` is 0 for the first map and all that
-    is connected to it; another number is that of a map which nothing ties to it yet.
+    is connected to it; another number is that of a map that is not tied to it yet.
     """
 
     key: int

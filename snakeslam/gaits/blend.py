@@ -1,8 +1,8 @@
-"""Motion without steps: start, stop, drive, turn, change of parameters and of gait.
+"""Motion without steps: start, stop, drive, steering, change of parameters and of gait.
 
-The angles are q = g(sigma) + e: the gait's own at its phase, and what is left of the last change. A change moves the
-difference of the two gaits into e, which then decays like a critically damped spring, so neither the angles nor their
-rates ever jump. One signed pace in [-1, 1] scales all time: at 0 the robot holds whatever shape it is in.
+The angles are q = g(sigma) + e: those of the gait at its phase, and a remainder e of the last change. A change adds the
+difference of the two gaits to e, which then decays like a critically damped spring, so that neither the angles nor
+their rates jump. One signed pace in [-1, 1] scales time: at 0 the robot keeps the shape that it has.
 """
 
 from dataclasses import dataclass
@@ -18,16 +18,16 @@ from snakeslam.robot.model import SnakeModel
 PACE_RAMP_S = 0.4
 """From full speed to a hold, and back."""
 DECAY_RAD_S = 2.5
-"""Rate of the spring that takes up a change."""
+"""Rate at which the remainder of a change decays."""
 FORMED_RAD = 0.05
 """A rolling gait waits until its arc lies flat to within this, or the arc would stand up and be thrown."""
 LEAST_PACE = 0.05
-"""Slower than this a rate says nothing of the rate per unit of paced time."""
+"""Below this pace a joint rate does not determine the rate per unit of paced time."""
 REVOLUTION_RAD = 2.0 * np.pi
 
 
 class Shape(Protocol):
-    """What a gait looks like at a phase."""
+    """The joint angles of a gait at a phase."""
 
     def angles(self, gait: ResolvedGait, sigma: float) -> Float:
         """Return the angles, (N,) rad."""
@@ -41,7 +41,7 @@ class Shape(Protocol):
 class GaitBlend:
     """Plays one gait after another from the angles ``q_rad`` (N,) of a robot that lies upright and still.
 
-    ``shape`` lays more over the gait's own angles, a closed form of head control (default: the posture alone).
+    ``shape`` gives the angles of a gait, with a closed form of head control or, by default, with the posture alone.
     """
 
     def __init__(self, model: SnakeModel, gait: ResolvedGait, q_rad: Float, shape: Shape | None = None) -> None:
@@ -71,7 +71,7 @@ class GaitBlend:
 
     @property
     def roll_rad(self) -> float | None:
-        """How far the gait has rolled the body since it was upright; None where it does not roll."""
+        """Angle by which the gait has rolled the body since it was upright; None where it does not roll."""
         return self._sigma - self._gait.start_sigma if self._gait.rolls else None
 
     def set_gait(self, gait: ResolvedGait) -> None:
@@ -81,13 +81,13 @@ class GaitBlend:
             self._change()
 
     def set_shape(self, shape: Shape) -> None:
-        """Change what lies over the gait; the angles go on from where they are."""
+        """Change the shape; the angles continue from their present values."""
         before = self._angles_and_rates()
         self._shape = shape
         self._keep(before)
 
     def resume_from(self, q_rad: Float, dq_rad_s: Float) -> None:
-        """Go on from these angles (N,) rad and rates (N,) rad/s, to which another hand has brought the joints."""
+        """Continue from these angles (N,) rad and rates (N,) rad/s, which feedback has given to the joints."""
         q_gait, rate_gait = self._angles_and_rates()
         self._left = q_rad - q_gait
         pace = abs(self._pace)
@@ -137,7 +137,7 @@ class GaitBlend:
         self._keep(before)
 
     def _keep(self, before: tuple[Float, Float]) -> None:
-        """Take into e what the gait's angles and rates were ``before`` and are no more."""
+        """Add to e the difference between the gait's angles and rates ``before`` and now."""
         q_rad, rate = self._angles_and_rates()
         self._left = self._left + before[0] - q_rad
         self._left_rate = self._left_rate + before[1] - rate
@@ -149,7 +149,7 @@ class GaitBlend:
 
 @dataclass(frozen=True, slots=True)
 class PlainShape:
-    """The gaits as they are, the head held as the model says."""
+    """The gaits' own angles, with the head posture of the model."""
 
     model: SnakeModel
 

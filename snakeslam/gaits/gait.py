@@ -33,7 +33,8 @@ class Gait(ABC):
 
     ``parameters`` must have ``period_s``. ``substitutes`` are accepted instead of one of them, named by its key.
     ``travels`` is the direction in the body's frame at positive drive; ``steers``: it can be steered; ``rolls``: the
-    body rolls about its own axis; ``raises_head``: it bears a raised head; ``rank`` orders the page, lowest first.
+    body rolls about its own axis; ``raises_head``: it can be used with a raised head; ``rank`` orders the
+    page, lowest first.
     """
 
     name: ClassVar[str]
@@ -100,7 +101,7 @@ class ResolvedGait:
 
     @property
     def raises_head(self) -> bool:
-        """Whether it bears a raised head."""
+        """Whether it can be used with a raised head."""
         return self.kind.raises_head
 
     @property

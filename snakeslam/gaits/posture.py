@@ -1,9 +1,9 @@
-"""The raised head laid over a gait: two bends of the neck, up and back, with the camera high and level.
+"""The raised head in a gait: two bends of the neck, up and back, with the camera high and level.
 
 For a body that does not roll, the upper three neck joints belong to the posture: pitch +22 deg, the yaw joint between
-frozen (it would roll the head), pitch -22 deg. A rolling body turns about its own axis by the gait's phase, so there
-the bend turns backwards in the body and stays upwards in the world; it takes two yaw joints as well. It would trip a
-rolling helix, which keeps its head low.
+frozen (it would roll the head), pitch -22 deg. A rolling body rotates about its own axis by the gait's phase, so there
+the bend rotates backwards in the body and stays upwards in the world, which needs two yaw joints as well. A rolling
+helix would trip over a raised head and keeps its head low.
 """
 
 import numpy as np

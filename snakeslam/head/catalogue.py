@@ -1,4 +1,4 @@
-"""The head controllers as the operator sees them."""
+"""The head controllers as they are shown to the operator."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ from snakeslam.head.settings import HeadController
 
 @dataclass(frozen=True, slots=True)
 class HeadEntry:
-    """One controller; ``steers``: the head's reference line can be turned, and the robot follows it."""
+    """One controller; ``steers``: the head's reference line can be rotated, and the robot follows it."""
 
     name: HeadController
     title: str
@@ -23,7 +23,7 @@ HEAD_CATALOGUE: dict[HeadController, HeadEntry] = {
         HeadEntry(
             "position",
             "Direction + position",
-            "Two arcs of the neck keep heading and place.",
+            "Two arcs of the neck keep heading and position.",
         ),
         HeadEntry(
             "predictive",

@@ -62,7 +62,7 @@ def steers_head(gait: ResolvedGait) -> bool:
 
 
 def feeds_back(controller: HeadController, gait: ResolvedGait) -> bool:
-    """Return whether the neck follows the estimate in this gait; some gaits carry it by their phase."""
+    """Return whether the neck follows the estimate in this gait; in some gaits the phase moves it instead."""
     return controller == "predictive" and gait.kind.head_form != "carried"
 
 
@@ -71,12 +71,12 @@ def effect(controller: HeadController, gait: ResolvedGait) -> str:
     if controller == "none" or steers_head(gait):
         return HEAD_CATALOGUE[controller].summary
     if not feeds_back(controller, gait):
-        return "No effect in this gait: the head moves as the gait carries it."
+        return "No effect in this gait: the head moves with the body."
     return "Feedback keeps the head level and looking ahead" + (", but for its roll." if gait.rolls else ".")
 
 
 def neck_angles(controller: HeadController, gait: ResolvedGait, model: SnakeModel, neck: Neck, sigma: float) -> Float:
-    """Return the angles of the neck's joints, (n,) rad; a turning gait's offset beta_o bends the neck as well."""
+    """Return the angles of the neck's joints, (n,) rad; the steering offset beta_o of a gait bends the neck as well."""
     wave, l0 = gait.shape, model.joint_length_m
     alpha = -alpha_from_amplitude(wave.amplitude_o, 2.0 * np.pi / wave.k_o)
     b = wave.k_o / l0

@@ -1,12 +1,13 @@
-"""Beyond the plane: the neck's yaw and pitch joints keep the head level and looking ahead in any gait.
+"""Head control in 3D: the neck's yaw and pitch joints keep the head level and looking ahead in any gait.
 
-The neck's root turns at w_R, which the gyroscope and the joints give: w_R = w_I - J dq_n. It repeats with the gait's
-phase, so a Fourier series in the phase, fitted as it goes (recursive least squares), says what it will be when the
-servos have followed. The neck's rates turn the head against it and back to the wanted attitude,
+The root of the neck rotates at w_R, which follows from gyroscope and joints: w_R = w_I - J dq_n. It repeats with the
+gait's phase, so a Fourier series in the phase, fitted by recursive least squares, predicts it for the time at which
+the servos will have followed. The rates of the neck compensate it and rotate the head back to the wanted attitude,
 
     dq_n = J^+ [ -K e - w_R(sigma + omega lag) ] + (1 - J^+ J) r (q_c - q_n),
 
-e the head's attitude error. A body that rolls would wind the neck up, so there the roll about the view is left out.
+e the head's attitude error. In a rolling gait the neck would wind up, so there the roll about the optical axis is left
+out.
 """
 
 from dataclasses import dataclass, field
@@ -43,7 +44,7 @@ class PhaseSeries:
         return _waves(sigma) @ self.coefficients
 
     def learn(self, sigma: float, value: Float) -> None:
-        """Take what was seen at a phase."""
+        """Add the value measured at a phase."""
         waves = _waves(sigma)
         gain = self.spread @ waves / (FORGETTING + waves @ self.spread @ waves)
         self.coefficients = self.coefficients + np.outer(gain, value - waves @ self.coefficients)
@@ -105,7 +106,7 @@ class LevelNeck:
         return np.einsum("mij,mj->im", Ts_IL[self.joints + 1, :3, :3], self.model.axes_L[self.joints])
 
     def _error(self, R_WI: Float, heading_rad: float) -> Float:
-        """Return the turn from the wanted attitude as sine times axis, (3,) in I; of the view when it rolls."""
+        """Return the error of the attitude as sine times axis, (3,) in I; in rolling that of the optical axis."""
         R_WV = so3.from_yaw(heading_rad)
         if self.holds_roll:
             R_VI = R_WV.T @ R_WI

@@ -1,13 +1,14 @@
 """Predictive head control: the neck holds the head on a line in the world against what the whole body will do.
 
-The closed forms suppose that the body does not feel the neck. Here the resistive model of the whole body gives the
-head's planar twist J dq for any joint rates, and the neck's rates are those that leave the head the wanted twist,
+The closed forms assume that the motion of the neck does not move the body. Here the resistive model of the whole body
+gives the head's planar twist J dq for any joint rates, and the neck's rates are those that give the head the wanted
+twist,
 
     dq_n = r + (W J_n)^T (W J_n J_n^T W + lambda I)^-1 W [ v - J_b dq_b - J_n r ],    r = dq_c + 2 (q_c - q_n),
 
 with q_c the closed form of Eq. (20), v = (v_mean, -8 e_y + s, -8 psi) from the head's yaw error psi and its sideways
-error e_y to the line, s what the gait's rhythm taught (``rhythm.py``), W = diag(w_x, 3, 1). The line is where the robot
-is to go: turning it steers.
+error e_y to the line, s the correction learned over the gait's period (``rhythm.py``), W = diag(w_x, 3, 1). The
+line is where the robot is to go: rotating it steers.
 """
 
 from dataclasses import dataclass, field
@@ -30,9 +31,9 @@ RETURN_RAD_S = 2.0
 YAW_GAIN_RAD_S = 8.0
 LATERAL_GAIN_RAD_S = 8.0
 LATERAL_MOST_M_S = 0.15
-"""Fastest sideways motion asked for: a line far away is approached, not jumped at."""
+"""Largest lateral velocity asked for, so that a distant line is approached gently."""
 YAW_MOST_RAD_S = 1.0
-"""Fastest turn asked for: a head taken over amid its swing comes round, it is not thrown."""
+"""Largest yaw rate asked for, so that a head that is caught in its swing returns gently."""
 DAMPING = 1e-3
 LEAST_EASE = 1e-3
 EASE_POWER = 2

@@ -1,4 +1,4 @@
-"""What the model of the body does not foretell of the head's sway repeats with the gait: it is learned, and cancelled.
+"""The part of the head's sway that the body model does not predict repeats with the gait: it is learned and cancelled.
 
 Of a sideways velocity D e^(i phi), phi the gait's phase and w its rate, feedback of gain K leaves a sway
 E e^(i phi) with E = D / (K + i w). Adding Re(c e^(i phi)) to the velocity asked for, with

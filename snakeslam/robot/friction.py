@@ -1,4 +1,4 @@
-"""How a body that slides on its belly moves when its joints move: zero net friction gives the head's motion.
+"""How a sliding body moves when its joints move: the head's motion is the one with zero net friction.
 
 The resistive law is linear in the velocities (viscous, stiffer across a link than along it) and gives a map from joint
 rates to the head's planar twist, for control. Coulomb's law needs the loads and an iteration, serves every gait in 3D,
@@ -32,7 +32,7 @@ def resistive_map(model: SnakeModel, q_rad: Float, T_WI: Float, loads: Float, ra
     Each link i resists with sqrt(w_i) { sqrt(c_t l) v_t, sqrt(c_n l) v_n, sqrt(c_n l^3 / 12) w } = A x + B dq; zero net
     force and moment is x = -(A^T A)^-1 A^T B dq. ``loads`` (N + 1,) are the weights w, ``ratio`` is c_n / c_t.
 
-    While the head is held, joint j turns all links behind it as one, by the twist s_j, so A^T B_j is the sum of their
+    With the head fixed, joint j moves all links behind it as one body, by the twist s_j, so A^T B_j is the sum of their
     resistances to any twist, times s_j.
     """
     Ts_WL = link_poses_from_imu(model, q_rad, T_WI)
@@ -51,7 +51,7 @@ def _resisted(
     loads: Float,
     ratio: float,
 ) -> tuple[Float, Float]:
-    """Return the body's planar resistance to planar twists (3, 3), and to what is behind each joint turning (3, N)."""
+    """Return the body's planar resistance to planar twists (3, 3), and to the rotation of each joint (3, N)."""
     joints = len(is_yaw)
     behind, forces = np.zeros((3, 5)), np.empty((3, joints))
     for k in range(joints + 1):
@@ -117,7 +117,7 @@ def sliding_velocity(
     """Return the velocity of the IMU that leaves no net Coulomb friction on the body, quasi-statically, for any gait.
 
     v = argmin sum N_i || v + u_i ||, by iteratively re-weighted least squares: u_i is the velocity of contact i while
-    the IMU only turns at ``w_I`` (3,) rad/s, the metric of || . || weighs what is across the link, and out of the
+    the IMU only rotates at ``w_I`` (3,) rad/s, the metric of || . || weighs what is across the link, and out of the
     ground, by ``ratio``. Angles and rates (N,), ``up_I`` (3,) the upward direction. For isotropic friction this is
     exactly the balance of forces. Covariance: slip scattered over the effective number of contacts, and 5 mm/s.
     """
@@ -159,7 +159,7 @@ def _balanced(u_I: Float, loads: Float, metric: Float, v_I: Float) -> Float:
 def contact_velocities(
     model: SnakeModel, Ts_IL: Float, dq_rad_s: Float, w_I: Float, link: NDArray[np.int64], points_I: Float
 ) -> Float:
-    """Return the velocities of points of links while the IMU turns in place at ``w_I``, (M, 3) m/s in I."""
+    """Return the velocities of points of links while the IMU rotates at ``w_I`` without moving, (M, 3) m/s in I."""
     return _contact_velocities(model.axes_L, Ts_IL, dq_rad_s, w_I, link, points_I)
 
 
@@ -167,7 +167,7 @@ def contact_velocities(
 def _contact_velocities(
     axes_L: Float, Ts_IL: Float, dq_rad_s: Float, w_I: Float, link: NDArray[np.int64], points_I: Float
 ) -> Float:
-    """From the head backwards: each link's turn against the head and its frame's velocity; then those of the points."""
+    """From the head backwards: each link's angular rate relative to the head, its frame's velocity, the points'."""
     joints = len(dq_rad_s)
     turn, shift = np.zeros((joints + 1, 3)), np.zeros((joints + 1, 3))
     for k in range(joints - 1, -1, -1):

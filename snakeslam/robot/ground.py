@@ -1,7 +1,8 @@
 """Where a body of known shape touches level ground, and how heavily: static levelling on a soft skin.
 
-The heights of the links alone do not say it: half a degree over a metre is 9 mm. So the plane is found that bears the
-weight under the centre of mass, on a skin that gives by some millimetres: a convex problem with three unknowns.
+The heights of the links do not determine it, because half a degree over a metre is 9 mm. So the plane is found that
+carries the weight under the centre of mass, on a skin that is compressed by some millimetres: a convex problem with
+three unknowns.
 """
 
 from dataclasses import dataclass
@@ -16,7 +17,7 @@ from snakeslam.robot.model import SnakeModel
 
 GRAVITY_M_S2 = 9.81
 SKIN_GIVES_M = 0.003
-"""How far the skin gives under the mean load of those that bear; it also stands for what the joints give."""
+"""Compression of the skin under the mean load of the loaded contacts; it also stands for the joints' compliance."""
 FEWEST = 6.0
 ROUNDS = 20
 PLANES = 2
@@ -28,7 +29,7 @@ X_AXIS, Y_AXIS = np.eye(3)[:2]
 @dataclass(frozen=True, slots=True)
 class Ground:
     """The plane under a body: ``normal_I`` (3,) out of it, ``contacts_I`` (M, 3) the points of the skin nearest to it,
-    ``loads_n`` (M,) what they bear, ``link`` (M,) whose they are; two contacts for each link, loaded or not.
+    ``loads_n`` (M,) their loads, ``link`` (M,) the link of each; two contacts for each link, loaded or not.
     """
 
     normal_I: Float
@@ -75,7 +76,7 @@ def _levelled(points: Float, up: Float, radius_m: float, weight_n: float) -> tup
     """Return the plane's normal and the loads of spheres at ``points`` (M, 3) about the centre of mass."""
     normal, loads = up, np.ones(len(points))
     for _ in range(PLANES):
-        # How many contacts bear, in effect.
+        # The effective number of loaded contacts.
         bearing = max(FEWEST, np.sum(loads) ** 2 / np.sum(loads * loads))
         stiff = weight_n / (bearing * SKIN_GIVES_M)
         side = _across(normal)
@@ -102,9 +103,9 @@ def _across(up: Float) -> Float:
 
 @compiled
 def _settle(x: Float, y: Float, lowest: Float, weight_n: float, hold_nm: float, stiff: float) -> tuple[Float, Float]:
-    """Return the plane (height, slopes) that bears the weight, and how deep each sphere is in it, (M,).
+    """Return the plane (height, slopes) that carries the weight, and the penetration of each sphere, (M,).
 
-    From deep down, where every contact bears, Newton's steps come up without leaving any out too early.
+    Newton's method starts from a low plane on which every contact is loaded, so that none is dropped too early.
     """
     plane: Float = np.array([np.max(lowest) + SKIN_GIVES_M, 0.0, 0.0])
     pen = _penetration(plane, x, y, lowest)

@@ -22,7 +22,7 @@ def link_poses(model: SnakeModel, q_rad: Float, T_W_base: Float) -> Float:
 
 @compiled
 def _chain(c: Float, s: Float, is_yaw: NDArray[np.bool_], length_m: float, first: Float) -> Float:
-    """Return the poses of all links; a joint is the step of one link along x, then a turn about z (yaw) or -y."""
+    """Return the poses of all links; a joint is a step of one link along x, then a rotation about z (yaw) or -y."""
     chains, joints = c.shape
     Ts = np.zeros((chains, joints + 1, 4, 4))
     for m in range(chains):

@@ -99,7 +99,7 @@ def _stoppable_rate(margin_rad: float, dt_s: float, fastest: float, acceleration
 
 @compiled
 def _within(value: float, low: float, high: float) -> float:
-    """Return ``value`` cut to the bounds; what is not a number stays so, for the guard to see."""
+    """Return ``value`` cut to the bounds; NaN stays NaN, so that the guard detects it."""
     if value < low:
         return low
     return high if value > high else value

@@ -1,6 +1,6 @@
-"""What each link of a body at rest bears of its weight: soft ground, and for a raised head joints that give a little.
+"""The load of each link of a stationary body: on soft ground and, for a raised head, with compliant joints.
 
-A stiff chain on hard ground bears its weight anywhere, so both are needed for an answer at all.
+For a stiff chain on hard ground the loads are not determined, so both are needed.
 """
 
 import numpy as np
@@ -23,7 +23,7 @@ def posture_loads(model: SnakeModel) -> Float:
     """Return the load of each link at rest over its weight, (N + 1,): a raised head rests on the links behind it.
 
     Minimises 1/2 k sum pen^2 + 1/2 kappa sum d^2 + m g sum z over the body's height, its pitch and the deflections d of
-    its pitch joints, to first order in them; the contacts that carry are found by Newton's method.
+    its pitch joints, to first order in them; the loaded contacts are found by Newton's method.
     """
     Ts = link_poses(model, model.rest_q_rad, np.eye(4))
     spheres = Ts[:, None, :3, 3] + np.einsum("nij,sj->nsi", Ts[:, :3, :3], model.sphere_centres_L)

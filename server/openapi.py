@@ -22,12 +22,14 @@ from server.routes import PREFIX
 from server.runs import FROM_REQUEST, PATH_KEYS
 from server.teleop import TeleopAnswer, TeleopInput
 from snakeslam.config import Config
+from snakeslam.paths import configs_dir
 from snakeslam.studies.metrics import Metrics
 
 WRITES = ("post", "put", "delete", "patch")
 ALWAYS = (HTTPStatus.UNAUTHORIZED, HTTPStatus.MISDIRECTED_REQUEST, HTTPStatus.TOO_MANY_REQUESTS, 503)
 WRITING = (HTTPStatus.FORBIDDEN, HTTPStatus.CONFLICT, HTTPStatus.REQUEST_ENTITY_TOO_LARGE)
 WITH_BODY = (HTTPStatus.BAD_REQUEST, HTTPStatus.UNSUPPORTED_MEDIA_TYPE, HTTPStatus.UNPROCESSABLE_ENTITY)
+WITH_QUERY = (HTTPStatus.UNPROCESSABLE_ENTITY,)
 WITH_PARAMETER = (HTTPStatus.NOT_FOUND,)
 WITH_QUERY = (HTTPStatus.UNPROCESSABLE_ENTITY,)
 BINARY = {"type": "string", "format": "binary"}
@@ -149,6 +151,7 @@ def describe(schema: dict[str, Any]) -> dict[str, Any]:
     schema["x-websockets"] = WEBSOCKETS
     for name, without in (("RunRequest", tuple(FROM_REQUEST)), ("SimRequest", ())):
         kinds[name]["properties"]["overrides"] = overrides_schema(without)
+    kinds["RunRequest"]["properties"]["config"]["enum"] = sorted(path.stem for path in configs_dir().glob("*.yaml"))
     for path, operations in schema["paths"].items():
         for method, operation in operations.items():
             _complete(path, method, operation)
@@ -175,10 +178,11 @@ def _refusals(path: str, method: str, operation: dict[str, Any]) -> list[int]:
     found: list[int] = [*ALWAYS]
     found += WRITING if method in WRITES else ()
     found += WITH_BODY if "requestBody" in operation else ()
+    found += WITH_QUERY if any(given["in"] == "query" for given in operation.get("parameters", ())) else ()
     found += WITH_PARAMETER if "{" in path else ()
     asks = any(parameter["in"] == "query" for parameter in operation.get("parameters", []))
     found += WITH_QUERY if asks and "requestBody" not in operation else ()
-    return sorted(found)
+    return sorted(set(found))
 
 
 def _refusal(status: HTTPStatus) -> dict[str, Any]:
@@ -195,7 +199,7 @@ def methods_at(app: FastAPI, path: str) -> list[str]:
     for template, operations in app.openapi()["paths"].items():
         if re.fullmatch(re.sub(r"\\\{[a-z_]+\\\}", "[^/]+", re.escape(template)), path):
             found |= {method.upper() for method in operations}
-    return sorted(found)
+    return sorted(set(found))
 
 
 async def json_only(request: HTTPConnection) -> None:

@@ -121,7 +121,7 @@ def _settings(group: type[BaseModel], prefix: str) -> Iterator[tuple[str, dict[s
             yield from _settings(kind, f"{prefix}{name}.")
             continue
         form = forms[name]
-        if form.get("type") not in ("array", "object") and "$ref" not in json.dumps(form):
+        if not any(part in json.dumps(form) for part in ('"array"', '"object"', '"$ref"')):
             yield prefix + name, form
 
 

@@ -17,7 +17,7 @@ from http import HTTPStatus
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, WithJsonSchema
 
 from server import strict_json
 from server.background import Say, keep_on, note, reason
@@ -44,6 +44,11 @@ def or_null(model: str) -> dict[str, Any]:
     return {"anyOf": [{"$ref": f"#/components/schemas/{model}"}, {"type": "null"}]}
 
 
+def whole(value: Any) -> Any:
+    """Return a float without a fraction as an integer: in JSON 3.0 and 3 are the same number."""
+    return int(value) if isinstance(value, float) and value.is_integer() else value
+
+
 class RunRequest(BaseModel):
     """POST /runs."""
 
@@ -51,7 +56,7 @@ class RunRequest(BaseModel):
 
     config: str = Field("sim", max_length=64)
     overrides: dict[str, Scalar] = Field(default_factory=dict, max_length=64)
-    seed: int = Field(1, ge=0, lt=2**32)
+    seed: Annotated[int, BeforeValidator(whole)] = Field(1, ge=0, lt=2**32)
     duration_s: float = Field(20.0, gt=0, le=86400)
 
 
@@ -89,7 +94,7 @@ def checked_overrides(overrides: Mapping[str, Scalar]) -> list[Override]:
             raise InputError(f"overrides.{key}", "cannot be set here: it names a file")
         if isinstance(value, str) and not value.isprintable():
             raise InputError(f"overrides.{key}", f"{value[:40]!r} is not possible", "text that can be printed")
-    return [Override(key, value, f"overrides.{key}") for key, value in overrides.items()]
+    return [Override(key, whole(value), f"overrides.{key}") for key, value in overrides.items()]
 
 
 def config_path(name: str) -> Path:

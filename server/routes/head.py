@@ -3,11 +3,12 @@
 from typing import Annotated
 
 from fastapi import APIRouter
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from server.deps import CallerDep, ServicesDep
 from server.live import Live
 from server.models import Answer, HeadControl, HeadMotion, State
+from server.runs import whole
 from server.state import head_control, head_motion
 from snakeslam.errors import InputError
 from snakeslam.gaits.catalogue import ResolvedGait, resolve
@@ -31,7 +32,7 @@ class HeadRequest(BaseModel):
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, use_attribute_docstrings=True, strict=True)
 
     controller: HeadController | None = None
-    neck_joints: int | None = None
+    neck_joints: Annotated[int | None, BeforeValidator(whole)] = None
     """Yaw joints of the neck."""
     turn_by_deg: Annotated[float, Field(ge=-MOST_STEERING_DEG, le=MOST_STEERING_DEG)] | None = None
     """Turns the head's reference line, and so the robot; positive to the left."""

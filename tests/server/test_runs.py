@@ -11,6 +11,7 @@ import pytest
 
 from server import runs as runs_module
 from server.runs import Run, RunRequest, Runs, checked_overrides, config_path
+from snakeslam.config import load_config
 from snakeslam.errors import InputError
 from tests.server.running import Running, children, wait_for
 
@@ -172,6 +173,14 @@ def test_over_http_a_wrong_run_is_one_line(client: httpx.Client) -> None:
         assert words in answer.json()["detail"]
         assert "\n" not in answer.json()["detail"]
     assert client.get("/api/v1/runs").json() == []
+
+
+def test_a_whole_number_may_be_written_with_a_fraction() -> None:
+    """In JSON 3.0 and 3 are the same number, and the schema says integer."""
+    request = RunRequest.model_validate({"seed": 2.0, "overrides": {"mapping.max_points": 3000.0}})
+    assert request.seed == 2
+    (override,) = checked_overrides(request.overrides)
+    assert load_config(overrides=[override]).mapping.max_points == 3000
 
 
 def test_over_http_artifacts_are_served_by_name_only(server: Running, client: httpx.Client) -> None:

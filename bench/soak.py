@@ -163,8 +163,14 @@ def double_estop(robot: Lone, freeze: bool) -> None:
     need(robot.child.process.is_alive(), "the robot node is dead")
     need(robot.state.estop_reason is not None and not robot.state.moving, "it is not latched")
     wait_or_violate(robot.watcher.stationary, "it does not brake")
-    reset = robot.send(ResetEStop())
-    wait_or_violate(lambda: robot.done(reset) and robot.state.estop_reason is None, "it cannot be reset")
+
+    def reset() -> bool:
+        # A command that a slow machine delivers late is refused, and given again.
+        command = robot.send(ResetEStop())
+        wait_for(lambda: robot.done(command))
+        return robot.state.estop_reason is None
+
+    wait_or_violate(reset, "it cannot be reset")
     need(not robot.state.moving and robot.watcher.stationary(), "the reset moves it")
 
 

@@ -63,7 +63,7 @@ imu0:
 """
 
 
-def picture(seed: int) -> np.ndarray:
+def grey_image(seed: int) -> np.ndarray:
     """A blurred random texture, (HEIGHT, WIDTH) uint8."""
     noise = np.random.default_rng([seed, 7]).integers(0, 256, (HEIGHT, WIDTH), dtype=np.uint8)
     return cv2.GaussianBlur(noise, (5, 5), 1.5)
@@ -78,7 +78,7 @@ def write_euroc(folder: Path, frames: int = 4) -> Path:
     (root / "imu0/sensor.yaml").write_text(IMU_SENSOR)
     stamps = [EUROC_START_NS + 50_000_000 * k for k in range(frames)]
     for k, t_ns in enumerate(stamps):
-        cv2.imwrite(str(root / f"cam0/data/{t_ns}.png"), picture(k))
+        cv2.imwrite(str(root / f"cam0/data/{t_ns}.png"), grey_image(k))
     images = "".join(f"{t_ns},{t_ns}.png\n" for t_ns in stamps)
     (root / "cam0/data.csv").write_text(f"#timestamp [ns],filename\n{images}")
     imu = "".join(f"{stamps[0] + 5_000_000 * k},0.01,0.02,0.03,0.1,0.2,9.8\n" for k in range(10 * (frames - 1) + 1))
@@ -95,7 +95,8 @@ def write_tum(folder: Path, frames: int = 4, calibrated: bool = True, imu: bool 
     rgb, depth, truth = ["# colour images"], ["# depth maps"], ["# truth"]
     for k in range(frames):
         stamp, late = f"{TUM_START}.{50 * k:03d}123", f"{TUM_START}.{50 * k + 4:03d}123"
-        cv2.imwrite(str(folder / f"rgb/{stamp}.png"), cv2.merge([picture(k), picture(k + 50), picture(k + 90)]))
+        colour = cv2.merge([grey_image(k + offset) for offset in (0, 50, 90)])
+        cv2.imwrite(str(folder / f"rgb/{stamp}.png"), colour)
         cv2.imwrite(str(folder / f"depth/{late}.png"), np.full((HEIGHT, WIDTH), 5000, np.uint16))
         rgb.append(f"{stamp} rgb/{stamp}.png")
         depth.append(f"{late} depth/{late}.png")

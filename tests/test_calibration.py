@@ -118,7 +118,7 @@ def changed(group: str, **keys: Any) -> dict[str, Any]:
         ("fisheye", 0, "4"),
     ],
 )
-def test_a_model_takes_its_numbers_of_coefficients(tmp_path: Path, model: str, count: int, allowed: str) -> None:
+def test_a_model_accepts_its_numbers_of_coefficients(tmp_path: Path, model: str, count: int, allowed: str) -> None:
     rig = changed("cam0", distortion_model=model, distortion_coeffs=[0.01] * count)
     with pytest.raises(InputError) as caught:
         load_rig(write(tmp_path / "rig.yaml", rig))

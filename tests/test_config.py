@@ -31,7 +31,7 @@ def test_sim_yaml_is_complete_and_equals_the_defaults(checkout: Path) -> None:
     assert leaves(yaml.safe_load(path.read_text())) == leaves(Config().model_dump(mode="json"))
 
 
-def test_the_simulator_starts_at_rest_and_with_the_head_held_still(checkout: Path) -> None:
+def test_the_simulator_starts_stopped_and_with_predictive_head_control(checkout: Path) -> None:
     config = load_config(checkout / "configs" / "sim.yaml")
     assert not config.run.autostart
     assert config.head.controller == "predictive"
@@ -176,7 +176,7 @@ def test_the_words_for_true_and_false_are_those_only_where_one_of_them_is_wanted
     assert load_config(None, [f"recording.enabled={word}"]).recording.enabled is value
 
 
-def test_an_override_on_a_broken_file_still_blames_the_file(tmp_path: Path) -> None:
+def test_an_override_on_a_broken_file_names_the_file(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"some\.yaml: gait\.period_s"):
         load_config(write(tmp_path, "gait: {period_s: -4}"), ["gait.name=pedal"])
 

@@ -93,7 +93,7 @@ def test_it_rests_until_commanded_then_plays_the_gait():
     np.testing.assert_allclose(q_rad[-1, 31], posed[31])
 
 
-def test_it_takes_up_the_angles_the_joints_are_in():
+def test_it_starts_from_the_angles_the_joints_are_in():
     q_rad = np.linspace(-0.3, 0.4, 35)
     joints = JointState(0, q_rad, np.zeros(35), np.zeros(35), np.zeros(35))
     control = _control()
@@ -149,7 +149,7 @@ def test_a_bad_command_is_refused_in_one_line_and_changes_nothing():
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), 1.5, -2.0])
 @pytest.mark.parametrize("key", ["drive", "turn"])
-def test_drive_and_turn_beyond_one_are_refused(key, value):
+def test_drive_and_steering_beyond_one_are_refused(key, value):
     with pytest.raises(InputError, match=f"{key}.*allowed: -1 to 1"):
         _control().command(GaitCommand(0, "serpentine", **{key: value}))
 
@@ -172,17 +172,17 @@ def test_switching_head_controllers_at_any_phase_is_no_jump(wanted):
     assert np.max(np.abs(np.diff(rates, axis=0))) / 0.01 <= MODEL.limits.acceleration_rad_s2 + 1e-6
 
 
-def test_drive_0_holds_still_under_feedback_and_goes_on(wanted):
+def test_drive_0_stops_every_joint_under_feedback_and_goes_on(wanted):
     control = _held(alpha_pi=0.5)
     moving = _sensed(control, 300)
     control.command(GaitCommand(0, "serpentine", drive=0.0, parameters={"alpha_pi": 0.5}))
     _sensed(control, 60, 300)
-    still = _sensed(control, 200, 360)
-    np.testing.assert_allclose(still, np.broadcast_to(still[0], still.shape), atol=1e-9)
+    stationary = _sensed(control, 200, 360)
+    np.testing.assert_allclose(stationary, np.broadcast_to(stationary[0], stationary.shape), atol=1e-9)
     control.command(GaitCommand(0, "serpentine", parameters={"alpha_pi": 0.5}))
     onward = _sensed(control, 200, 560)
-    assert np.max(np.abs(onward[0] - still[-1])) < 0.01
-    assert np.max(np.abs(onward[-1] - still[-1])) > 0.2
+    assert np.max(np.abs(onward[0] - stationary[-1])) < 0.01
+    assert np.max(np.abs(onward[-1] - stationary[-1])) > 0.2
     assert np.max(np.abs(np.diff(moving, axis=0))) > 0.005
     assert np.max(np.abs(np.diff(np.array(wanted), 2, axis=0))) / 0.01**2 < MODEL.limits.acceleration_rad_s2
 
@@ -255,7 +255,7 @@ def test_a_head_that_the_gait_cannot_have_is_refused_and_changes_nothing():
     np.testing.assert_array_equal(_run(control, 100), _run(untouched, 100))
 
 
-def test_under_predictive_control_a_turn_turns_the_line_and_bends_no_gait():
+def test_under_predictive_control_steering_rotates_the_line_and_bends_no_gait():
     """The body follows its head: the drive pad's turn moves the line, and without it the gait's own offset."""
 
     def played(controller, turn):

@@ -35,7 +35,7 @@ def test_tracked_means_that_the_camera_supports_the_pose(verdict: Verdict) -> No
     assert verdict.tracked == (verdict.value in {"good", "degraded"})
 
 
-def test_messages_have_no_room_for_more() -> None:
+def test_messages_have_no_further_attributes() -> None:
     pose = PoseEstimate(0, np.eye(4), np.zeros(3), np.eye(9), Health(Verdict.GOOD))
     with pytest.raises((AttributeError, TypeError)):
         pose.extra = 1  # type: ignore[attr-defined]

@@ -15,7 +15,7 @@ from snakeslam.messages import CameraFrame, GroundTruth, ImuSample, Packet
 from snakeslam.recording.datasets import find_recordings, open_recording, recording_kind
 from snakeslam.recording.datasets.common import nearest_pairs
 from snakeslam.recording.settings import ReplaySettings
-from tests.small_recordings import EUROC_START_NS, HEIGHT, WIDTH, picture, write_euroc, write_tum
+from tests.small_recordings import EUROC_START_NS, HEIGHT, WIDTH, grey_image, write_euroc, write_tum
 
 SETTINGS = ReplaySettings()
 
@@ -43,7 +43,7 @@ def test_euroc_gives_sensors_in_order_and_the_truth_of_the_imu(tmp_path: Path) -
     assert isinstance(packets[0], ImuSample), "at equal stamps the IMU comes first"
     assert isinstance(packets[1], CameraFrame)
     assert frames[0].t_ns == EUROC_START_NS
-    np.testing.assert_array_equal(frames[2].gray, picture(2))
+    np.testing.assert_array_equal(frames[2].gray, grey_image(2))
     assert frames[0].rgb is None
     assert frames[0].depth_m is None
     np.testing.assert_allclose(imu[0].gyro_I, [0.01, 0.02, 0.03])
@@ -85,7 +85,7 @@ def test_tum_gives_colour_and_depth_at_exact_stamps(tmp_path: Path) -> None:
     assert isinstance(frame, CameraFrame)
     assert frame.rgb is not None
     assert frame.depth_m is not None
-    np.testing.assert_array_equal(frame.rgb[..., 2], picture(1))
+    np.testing.assert_array_equal(frame.rgb[..., 2], grey_image(1))
     np.testing.assert_array_equal(frame.gray, cv2.cvtColor(frame.rgb, cv2.COLOR_RGB2GRAY))
     np.testing.assert_allclose(frame.depth_m, np.ones((HEIGHT, WIDTH)))
     assert frame.depth_m.dtype == np.float32
@@ -266,7 +266,7 @@ TUM_MISTAKES = {
     "no association": (edit("depth.txt", lambda s: s.replace("1305031229.", "1305031239.")), "within 20 ms"),
     "truncated depth": (cut("depth/*.png", 0.9), r"depth/.*\.png: the image is truncated"),
     "8-bit depth": (
-        lambda folder: cv2.imwrite(str(sorted(folder.glob("depth/*.png"))[1]), picture(1)),
+        lambda folder: cv2.imwrite(str(sorted(folder.glob("depth/*.png"))[1]), grey_image(1)),
         r"8 bits a sample \(allowed: 16\)",
     ),
     "no depth scale": (edit("calibration.yaml", lambda s: s.replace("  depth_scale: 5000.0\n", "")), "depth_scale"),

@@ -14,7 +14,7 @@ from snakeslam.messages import CameraFrame, GroundTruth, ImuSample, Packet
 from snakeslam.recording.datasets import open_recording
 from snakeslam.recording.recording import Recording
 from snakeslam.recording.settings import ReplaySettings
-from tests.small_recordings import CALIBRATION, EUROC_START_NS, HEIGHT, WIDTH, picture, write_euroc, write_tum
+from tests.small_recordings import CALIBRATION, EUROC_START_NS, HEIGHT, WIDTH, grey_image, write_euroc, write_tum
 
 IMU, CAM, TRUTH = "mav0/imu0/data.csv", "mav0/cam0/data.csv", "mav0/state_groundtruth_estimate0/data.csv"
 CAM_YAML, IMU_YAML = "mav0/cam0/sensor.yaml", "mav0/imu0/sensor.yaml"
@@ -215,10 +215,10 @@ def rewrite_images(folder: Path, change: Callable[[np.ndarray], np.ndarray], suf
 @pytest.mark.parametrize("bits", [8, 10, 12, 14, 16])
 def test_16_bit_images_are_scaled_by_the_bits_that_they_use(tmp_path: Path, bits: int) -> None:
     folder = write_euroc(tmp_path / "clip")
-    brightest = max(int(picture(k).max()) for k in range(4))
+    brightest = max(int(grey_image(k).max()) for k in range(4))
     assert brightest >= 128
     rewrite_images(folder, lambda image: image.astype(np.uint16) << (bits - 8))
-    np.testing.assert_array_equal(frames_of(folder)[2].gray, picture(2))
+    np.testing.assert_array_equal(frames_of(folder)[2].gray, grey_image(2))
     said = [note for note in read(folder).notes if f"the images use {bits} of their 16 bits" in note]
     assert len(said) == (bits < 16)
 
@@ -244,7 +244,7 @@ def test_colour_and_alpha_become_grey(tmp_path: Path, kind: str) -> None:
     folder = write_euroc(tmp_path / "clip")
     rewrite_images(folder, IMAGE_KINDS[kind])
     frame = frames_of(folder)[1]
-    np.testing.assert_allclose(frame.gray.astype(int), picture(1).astype(int), atol=1)
+    np.testing.assert_allclose(frame.gray.astype(int), grey_image(1).astype(int), atol=1)
     assert (frame.rgb is None) == (kind == "grey")
 
 
@@ -279,7 +279,7 @@ def test_bytes_after_the_end_are_harmless(tmp_path: Path, tail: str, suffix: str
     edit(folder, CAM, lambda s: s.replace(".png", suffix))
     for path in (folder / "mav0/cam0/data").iterdir():
         path.write_bytes(path.read_bytes() + TAILS[tail])
-    np.testing.assert_allclose(frames_of(folder)[3].gray.astype(int), picture(3).astype(int), atol=40)
+    np.testing.assert_allclose(frames_of(folder)[3].gray.astype(int), grey_image(3).astype(int), atol=40)
 
 
 def jpegs(folder: Path) -> list[Path]:
@@ -323,7 +323,7 @@ def test_other_formats_that_opencv_decodes_are_read(tmp_path: Path) -> None:
     folder = write_euroc(tmp_path / "clip")
     rewrite_images(folder, lambda image: image, ".pgm")
     edit(folder, CAM, lambda s: s.replace(".png", ".pgm"))
-    np.testing.assert_array_equal(frames_of(folder)[1].gray, picture(1))
+    np.testing.assert_array_equal(frames_of(folder)[1].gray, grey_image(1))
 
 
 @pytest.mark.parametrize("what", ["folder", "empty", "text", "other size", "missing"])
@@ -356,7 +356,7 @@ CHAIN = CALIBRATION.split("imu0:")[0].replace("  depth_scale: 5000.0\n", "")
 IMU_ALONE = CALIBRATION.split("imu0:\n")[1].replace("  ", "")
 
 
-def test_a_tum_vi_folder_takes_the_settings_calibration(tmp_path: Path) -> None:
+def test_a_tum_vi_folder_uses_the_settings_calibration(tmp_path: Path) -> None:
     folder = tum_vi(tmp_path / "clip")
     (tmp_path / "rig.yaml").write_text(CALIBRATION)
     recording = read(folder, calibration=tmp_path / "rig.yaml")
@@ -399,7 +399,7 @@ def test_a_prism_has_positions_only(tmp_path: Path) -> None:
     assert [note for note in recording.notes if "has positions only" in note]
 
 
-def test_a_markers_place_on_the_body_is_removed(tmp_path: Path) -> None:
+def test_a_markers_pose_on_the_body_is_removed(tmp_path: Path) -> None:
     folder = write_euroc(tmp_path / "clip")
     (folder / "mav0/state_groundtruth_estimate0").rename(folder / "mav0/vicon0")
     edit(folder, "mav0/vicon0/data.csv", rows(lambda c: c[:8]))

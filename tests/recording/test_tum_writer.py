@@ -151,7 +151,7 @@ def test_the_live_view_plays_it_with_its_robot_which_nothing_moves(tmp_path: Pat
 
 
 @pytest.mark.parametrize("mode", get_args(Mode))
-def test_the_live_view_takes_every_mode_where_its_sensors_are(tmp_path: Path, mode: Mode) -> None:
+def test_the_live_view_accepts_every_mode_where_its_sensors_are(tmp_path: Path, mode: Mode) -> None:
     """A robot's own recording bears them all; a camera alone only one, and says what else is missing."""
     reports: list[Report] = []
     folder = write(tmp_path / "sensors", packets())
@@ -188,7 +188,7 @@ def test_other_tools_find_the_benchmarks_form(tmp_path: Path) -> None:
     assert calibration["imu0"]["update_rate"] == 200.0
 
 
-def test_depth_without_a_place_in_16_bits_is_unknown() -> None:
+def test_depth_beyond_16_bits_is_unknown() -> None:
     depth_m = np.array([[0.0, 0.00009, 0.0002, 1.0, 13.107, 13.2, 500.0]], np.float32)
     assert depth_units(depth_m, 5000.0).tolist() == [[0, 0, 1, 5000, 65535, 0, 0]]
 

@@ -37,7 +37,7 @@ def judge(replay: Replay) -> Metrics:
     return evaluate(updates, truth, [], (updates[-1].t_ns - updates[0].t_ns) / 1e9, 1.0, False, None)
 
 
-def test_fast_turns_are_followed(replay: Replay) -> None:
+def test_fast_rotations_are_tracked(replay: Replay) -> None:
     metrics = judge(replay)
     assert metrics.frames == 200
     assert metrics.resets == 0

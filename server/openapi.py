@@ -23,6 +23,7 @@ from server.runs import FROM_REQUEST, PATH_KEYS
 from server.teleop import TeleopAnswer, TeleopInput
 from snakeslam.config import Config
 from snakeslam.paths import configs_dir
+from snakeslam.runtime.robot.deadman import DEADMAN_S
 from snakeslam.studies.metrics import Metrics
 
 WRITES = ("post", "put", "delete", "patch")
@@ -149,6 +150,8 @@ def describe(schema: dict[str, Any]) -> dict[str, Any]:
     }
     schema["paths"]["/metrics"] = {"get": {"operationId": "metrics", "summary": "Figures", "tags": ["state"]}}
     schema["x-websockets"] = WEBSOCKETS
+    # The build of the page takes the limit from here.
+    schema["x-deadman-ms"] = round(DEADMAN_S * 1e3)
     for name, without in (("RunRequest", tuple(FROM_REQUEST)), ("SimRequest", ())):
         kinds[name]["properties"]["overrides"] = overrides_schema(without)
     kinds["RunRequest"]["properties"]["config"]["enum"] = sorted(path.stem for path in configs_dir().glob("*.yaml"))

@@ -1,9 +1,11 @@
 import { defineConfig } from "vite";
+import schema from "./openapi.json";
 
 // `npm run dev` serves the page alone and hands everything else to a running `snakeslam serve`.
 const server = "http://127.0.0.1:8000";
 
 export default defineConfig({
+  define: { DEADMAN_MS: schema["x-deadman-ms"] },
   build: {
     target: "es2022",
     assetsInlineLimit: 0,

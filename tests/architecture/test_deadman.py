@@ -4,6 +4,7 @@ import ast
 from collections.abc import Iterator
 from pathlib import Path
 
+from server.api import create_api
 from snakeslam.runtime.robot.deadman import DEADMAN_NS, DEADMAN_S
 
 ROOT = Path(__file__).parents[2]
@@ -21,6 +22,11 @@ def constants(path: Path) -> Iterator[str]:
         if isinstance(node, ast.Assign) and isinstance(node.value, ast.Constant) and node.value.value in SAME_TIME:
             for name in node.targets:
                 yield f"{path.relative_to(ROOT)}: {ast.unparse(name)}"
+
+
+def test_the_page_gets_the_deadman_limit_from_the_schema() -> None:
+    assert create_api().openapi()["x-deadman-ms"] == DEADMAN_S * 1e3
+    assert "declare const DEADMAN_MS" in (ROOT / "web/src/app/teleop.ts").read_text(encoding="utf-8")
 
 
 def test_the_deadman_limit_is_set_in_one_module() -> None:

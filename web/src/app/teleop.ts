@@ -5,8 +5,8 @@ import { Cell } from "../basics/store";
 import type { Drive, TeleopAnswer, TeleopInput } from "../types";
 
 const SEND_EVERY_MS = 66;
-/** A drive that was silent for so long is over: the robot node holds the robot then. */
-const SILENT_MS = 300;
+/** After this silence the robot node holds the robot. Set in runtime/robot/deadman.py; the build takes it from the API's schema. */
+declare const DEADMAN_MS: number;
 const PING_EVERY_MS = 1000;
 const FIRST_PINGS_MS = 150;
 const RECONNECT_MS = 500;
@@ -50,7 +50,7 @@ export class Teleop {
   }
 
   private repeat(): void {
-    if (performance.now() - this.sentMs > SILENT_MS) return this.onStalled();
+    if (performance.now() - this.sentMs > DEADMAN_MS) return this.onStalled();
     this.sentMs = performance.now();
     this.send();
   }

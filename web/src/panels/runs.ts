@@ -84,7 +84,7 @@ function runForm(app: App): HTMLElement {
     const overrides = parseOverrides(more.value);
     const gait = app.catalogue.get().find(({ name }) => name === gaits.value);
     if (gait) overrides["gait.name"] = gait.name;
-    const request = { config: "sim", overrides, seed: seed.valueAsNumber, duration_s: duration.valueAsNumber };
+    const request = { config: "sim" as const, overrides, seed: seed.valueAsNumber, duration_s: duration.valueAsNumber };
     void app.attempt(() => api.submitRun(request)).then(() => refreshRuns(app));
   });
   return form;

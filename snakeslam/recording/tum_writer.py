@@ -42,7 +42,7 @@ class TumWriter:
             (folder / name).mkdir(parents=True)
 
     def add(self, packet: Packet) -> None:
-        """Add a packet; InputError for a camera without depth, which the format has no place for."""
+        """Add a packet; InputError for a camera without depth, which the format cannot hold."""
         check_packet(packet)
         if isinstance(packet, ImuSample):
             self._imu.append(_row(packet.t_ns, packet.gyro_I, packet.accel_I))
@@ -89,7 +89,7 @@ class TumWriter:
 
 
 def depth_units(depth_m: NDArray[np.float32], units_per_m: float) -> NDArray[np.uint16]:
-    """Return depth (H, W) m in whole units; what has no place in 16 bits is unknown, 0."""
+    """Return depth (H, W) m in whole units; what does not fit into 16 bits is unknown, 0."""
     units = np.rint(depth_m * np.float32(units_per_m))
     return np.where((units > 0) & (units <= LARGEST), units, 0).astype(np.uint16)
 

@@ -1,4 +1,4 @@
-"""Several estimators fed by one and the same run: the loop's own, and others that only listen."""
+"""Several estimators fed by the same run: that of the loop, and others beside it."""
 
 from collections.abc import Mapping
 from time import perf_counter
@@ -10,7 +10,7 @@ from snakeslam.studies.recorder import Recorder
 
 
 class Listener:
-    """Slam that hears what the loop's slam hears, and what it said of each frame in which time."""
+    """Slam that gets the packets of the loop's slam, its update for each frame and the time that it took."""
 
     def __init__(self, slam: Slam) -> None:
         self._slam = slam

@@ -31,7 +31,7 @@ Values = dict[MeasureName, float | None]
 class Measured:
     """Measured values, None where unknown, and the head's path in the measured window.
 
-    ``heard``: those of the estimators that listened. ``series`` (n, 4): time since its beginning in s, yaw about its
+    ``heard``: the values of the other estimators. ``series`` (n, 4): time since its beginning in s, yaw about its
     mean in rad, x and y in W in m; 50 Hz.
     """
 

@@ -19,7 +19,7 @@ MOST_NAMES = 10_000
 
 @dataclass(slots=True)
 class NewDirectory:
-    """A run directory on its way: files go into ``part``; ``out`` is where it goes, in the end where it went."""
+    """A run directory while it is written: files go into ``part``, which becomes ``out`` at the end."""
 
     part: Path
     out: Path
@@ -72,7 +72,7 @@ def new_directory(out: Path | None, name: str = "run") -> Generator[NewDirectory
 
 
 def _claimed(out: Path | None, name: str, made: list[Path]) -> tuple[Claim, Path]:
-    """Claim ``out`` or a free default; ``made`` gets the folders that were made on the way."""
+    """Claim ``out`` or a free default; ``made`` gets the parent folders that were made."""
     while True:
         folder = default_out(name) if out is None else out
         if folder.is_symlink() or (folder.exists() and (not folder.is_dir() or any(folder.iterdir()))):
@@ -113,7 +113,7 @@ def _renamed(part: Path, target: Path) -> Path:
 
 
 def _remove_empty(folders: list[Path]) -> None:
-    """Remove the folders that were made on the way and hold nothing, the innermost first."""
+    """Remove the folders that were made for the run and are empty, the innermost first."""
     for folder in folders:
         if folder.is_dir() and not any(folder.iterdir()):
             folder.rmdir()

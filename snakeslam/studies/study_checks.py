@@ -37,7 +37,7 @@ def _check_estimator(path: Path, settings: StudySettings) -> None:
 
 
 def _check_estimators(path: Path, settings: StudySettings) -> None:
-    """Refuse estimators that cannot be, and another place that names one."""
+    """Refuse estimators that do not exist, and a second setting that names one."""
     if not settings.estimators:
         return
     _check_list(f"{path}: estimators", settings.estimators)
@@ -67,7 +67,7 @@ def _check_cases(path: Path, settings: StudySettings) -> None:
 
 
 def _named_settings(settings: StudySettings) -> Iterator[tuple[str, Iterable[str]]]:
-    """Yield each place of the file where settings are given, with their keys."""
+    """Yield the name of each group of settings in the file, with its keys."""
     yield "axes", settings.axes
     yield "settings", settings.settings
     yield from ((f"cases.{name}", case) for name, case in settings.cases.items())

@@ -82,7 +82,7 @@ class StudySettings(Settings):
     settings: dict[str, Scalar] = Field(default_factory=dict[str, Scalar])
     """Settings of every run."""
     axes: dict[str, list[Scalar]] = Field(default_factory=dict[str, list[Scalar]])
-    """Settings and the values each takes."""
+    """Settings and the values of each."""
     cases: dict[str, dict[str, Scalar]] = Field(default_factory=dict[str, dict[str, Scalar]])
     """What is no product: names, and the settings of each; an axis ``case`` before the others."""
     seeds: Annotated[tuple[Seed, ...], Field(min_length=1)] = (1,)

@@ -56,8 +56,8 @@ def run_study(
 ) -> StudyResult:
     """Run what is not yet done of ``study`` and write the folder ``out``, runs/<UTC time>-<name> without one.
 
-    ``resume``: keep the finished rows of ``out``; those that failed are run again. ``report`` hears of each row, the
-    kept ones first. The results do not depend on the number of ``workers``. InputError, before anything runs, when
+    ``resume``: keep the finished rows of ``out``; those that failed are run again. ``report`` is called with each row,
+    the kept ones first. The results do not depend on the number of ``workers``. InputError, before anything runs, when
     ``out`` is not what it should be, or another process is at work in it.
     """
     with _held(_claimed(study.name, out, resume)) as folder:

@@ -15,7 +15,7 @@ from snakeslam.studies.study_file import CASE, ESTIMATOR, ReferenceSettings, Sca
 Average = Literal["mean", "median"]
 
 SAME = 0.005
-"""A range narrower than this part of its mean is not told."""
+"""A range narrower than this part of its mean is not shown."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -66,7 +66,7 @@ def _start(work: Callable[[Any], Any]) -> _Worker:
     ours, theirs = context.Pipe()
     process = context.Process(target=_serve, args=(theirs, work), daemon=True)
     process.start()
-    # With the child's end open here too, its death would not be heard.
+    # With the child's end open here too, its death would not be noticed.
     theirs.close()
     return _Worker(process, ours)
 

@@ -162,7 +162,7 @@ class SimBackend(Backend):
         return exposure, render, T0_WI
 
     def _end_exposure(self, exposure: CameraExposure, render: Render | None, T0_WI: Float) -> Sequence[CameraFrame]:
-        """Return the frame, if it is made here, blurred by the turn from one IMU time before to one after."""
+        """Return the frame, if it is drawn here, blurred by the rotation from one IMU sample before to one after."""
         rotation_I = so3.log(T0_WI[:3, :3].T @ self._pose_WI[:3, :3])
         w_C = self._rig.cam0.T_CI[:3, :3] @ rotation_I / (2.0 * IMU_DT_S)
         if render is not None:

@@ -51,7 +51,7 @@ class Camera:
         self._depth_noise = rng.standard_normal(shape, dtype=np.float32)
 
     def expose(self, t_ns: int, seq: int, render: Render, w_C: Float) -> CameraFrame:
-        """Return the frame of ``render``, taken while the camera turns at w_C (3,) rad/s."""
+        """Return the frame of ``render``, exposed while the camera rotates at w_C (3,) rad/s."""
         rgb = cv2.cvtColor(self._blurred(render.rgba, w_C), cv2.COLOR_RGBA2RGB)
         row, column = self._rng.integers(0, NOISE_MARGIN_PX, 2)
         window = np.s_[row : row + HEIGHT_PX, column : column + WIDTH_PX]
@@ -62,7 +62,7 @@ class Camera:
         return CameraFrame(t_ns, seq, np.asarray(gray, np.uint8), np.asarray(rgb, np.uint8), depth_m, exposure_ns)
 
     def _blurred(self, rgba: Image, w_C: Float) -> Image:
-        """Average 3 or 5 turned copies over the exposure (four channels warp faster than three); short blur is left."""
+        """Average 3 or 5 rotated copies over the exposure (four channels warp faster); short blur is left out."""
         rotation_C = w_C * self.settings.exposure_ms * 1e-3
         corner_px = float(np.hypot(WIDTH_PX, HEIGHT_PX)) / 2.0
         blur_px = self._K[0, 0] * float(np.hypot(rotation_C[0], rotation_C[1])) + corner_px * abs(float(rotation_C[2]))
@@ -72,7 +72,7 @@ class Camera:
         K_inv, mean = np.linalg.inv(self._K), rgba
         others = [k for k in range(count) if k != count // 2]
         for taken, k in enumerate(others, start=1):
-            # A ray r_C seen at mid exposure is at Exp(-turn fraction) r_C after that part of the turn.
+            # A ray r_C seen at mid exposure is at Exp(-fraction rotation) r_C after that fraction of the rotation.
             H = self._K @ so3.exp(-((k + 0.5) / count - 0.5) * rotation_C) @ K_inv
             turned = cv2.warpPerspective(
                 rgba, H, (WIDTH_PX, HEIGHT_PX), flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE

@@ -1,4 +1,4 @@
-"""What a world is made of: textured meshes to look at, boxes to bump into, rooms to hang things in."""
+"""What a world is made of: textured meshes, boxes that stop the robot, and buildings' interiors."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -98,7 +98,7 @@ class Interior:
         ]
 
     def hang(self, side: str, along_m: float, low_m: float, width_m: float, height_m: float) -> Mesh:
-        """Return a picture on the wall ``side``, its middle at ``along_m`` (x, or y at front and back)."""
+        """Return a poster on the wall ``side``, its middle at ``along_m`` (x, or y at front and back)."""
         corner, right = self._wall(side, POSTER_GAP_M)
         unit = np.asarray(right) / np.linalg.norm(right)
         start = abs(along_m - (corner[0] if side in ("left", "right") else corner[1])) - width_m / 2.0

@@ -41,7 +41,7 @@ def tinted(colour: Colour, shade: Grain | Float) -> Texture:
 
 
 def _draw_wrapped(image: Texture, draw: Callable[[Float], None], centre: Float, reach: float) -> None:
-    """Call ``draw`` at ``centre`` and at its repetitions that reach into the picture."""
+    """Call ``draw`` at ``centre`` and at its repetitions that reach into the image."""
     height, width = image.shape[:2]
     for dx in (-width, 0, width):
         for dy in (-height, 0, height):
@@ -106,7 +106,7 @@ def terrazzo(rng: np.random.Generator, size: int = 2048, tiles: int = 4) -> Text
 
 
 def carpet(rng: np.random.Generator, size: int = 2048, tiles: int = 4) -> Texture:
-    """Return a floor of carpet tiles: coloured flecks, a woven direction that turns from tile to tile, wear."""
+    """Return a floor of carpet tiles: coloured flecks, a woven direction that differs from tile to tile, wear."""
     weave = grain(rng, size, 256, 0.9)
     along = cv2.GaussianBlur(weave, (1, 9), 0, sigmaY=3, borderType=cv2.BORDER_REFLECT)
     side = size // tiles
@@ -165,7 +165,7 @@ def plaster(rng: np.random.Generator, colour: Colour, size: int = 1024, wear: fl
 
 
 def planks(rng: np.random.Generator, size: int = 1024, boards: int = 6, colour: Colour = (158, 118, 78)) -> Texture:
-    """Return wooden boards along the picture's width, with grain and knots."""
+    """Return wooden boards along the image's width, with grain and knots."""
     streaks = cv2.resize(grain(rng, size, 32, 0.8), (size * 8, size), interpolation=cv2.INTER_LINEAR)[:, :size]
     height = size // boards
     image = np.empty((size, size, 3), np.uint8)
@@ -207,7 +207,7 @@ def cardboard(rng: np.random.Generator, size: int = 512) -> Texture:
 
 
 def poster(rng: np.random.Generator, height: int = 768, width: int = 512) -> Texture:
-    """Return a printed sheet: a heading, a picture of shapes, and paragraphs."""
+    """Return a printed sheet: a heading, a drawing of shapes, and paragraphs."""
     paper = rng.uniform(190, 235, 3)
     image = np.full((height, width, 3), paper.astype(np.uint8))
     ink = rng.uniform(10, 90, 3).tolist()

@@ -1,7 +1,7 @@
 """The four worlds, each drawn from a seed.
 
 The robot starts over the origin along x with its tail towards -x (up to 3.3 m); several metres ahead and to both sides
-are free, so that it may sway, turn and roll; to the left, where sidewinding goes at .15 m/s, more.
+are free, so that it may sway, steer and roll; to the left, where sidewinding moves at 0.15 m/s, more.
 """
 
 from collections.abc import Callable
@@ -132,7 +132,7 @@ def _hang_posters(rng: np.random.Generator, made: World, hall: Interior, kinds: 
 def _free_wall(
     rng: np.random.Generator, hall: Interior, taken: list[tuple[str, float, float]], width_m: float
 ) -> tuple[str, float]:
-    """Return a side and a place on it that no other sheet has, and note it in ``taken``; at last any place."""
+    """Return a side and a position on it that no other sheet has, and add it to ``taken``; if none is left, any."""
     side, along = "left", 0.0
     for _ in range(20):
         side = SIDES[int(rng.choice(4, p=[0.36, 0.36, 0.06, 0.22]))]

@@ -5,7 +5,7 @@ import pytest
 
 from snakeslam.backends.sim import renderer as module
 from snakeslam.backends.sim.camera import camera_calibration
-from snakeslam.backends.sim.meshes import box, cylinder, picture
+from snakeslam.backends.sim.meshes import box, cylinder, poster
 from snakeslam.backends.sim.renderer import FAR_M, HEIGHT_PX, SKY, WIDTH_PX, Renderer
 from snakeslam.backends.sim.scenery import World
 from snakeslam.backends.sim.settings import CameraSettings
@@ -41,7 +41,7 @@ def _sheet(centre_C, side_m):
     """A square that faces the camera."""
     right_W, up_W = side_m * T_WC[:3, 0], -side_m * T_WC[:3, 1]
     corner_W = T_WC[:3, :3] @ centre_C + T_WC[:3, 3] - (right_W + up_W) / 2
-    return picture(corner_W, right_W, up_W)
+    return poster(corner_W, right_W, up_W)
 
 
 def test_points_appear_where_the_intrinsics_say_at_their_depth(draw):
@@ -73,7 +73,7 @@ def test_a_texture_is_seen_upright_and_not_mirrored(draw):
 
 def test_the_back_of_a_face_and_nothing_at_all_show_the_sky(draw):
     back = _sheet(np.array([0, 0, 1.0]), 0.5)
-    render = draw(WHITE, [picture(back.vertices_W[1], -0.5 * T_WC[:3, 0], -0.5 * T_WC[:3, 1])])
+    render = draw(WHITE, [poster(back.vertices_W[1], -0.5 * T_WC[:3, 0], -0.5 * T_WC[:3, 1])])
     assert np.all(render.rgba[..., :3] == SKY)
     np.testing.assert_allclose(1.0 / render.inverse_depth, FAR_M, rtol=1e-3)
 

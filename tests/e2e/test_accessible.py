@@ -182,12 +182,24 @@ POSITIONS = """() => Object.fromEntries([...document.querySelectorAll('button, s
     .map(([name, {x, y}]) => [name, [Math.round(x), Math.round(y)]]))"""
 
 
+def settled(page: Page) -> dict[str, list[int]]:
+    """The positions of all controls once the page's first texts have come and move them no more."""
+    seen: list[dict[str, list[int]]] = [{}]
+
+    def unchanged() -> bool:
+        page.wait_for_timeout(1000)
+        seen.append(page.evaluate(POSITIONS))
+        return seen[-1] == seen[-2]
+
+    poll(unchanged, bool, "a settled page")
+    return seen[-1]
+
+
 @pytest.mark.parametrize("size", [DESKTOP, PHONE, LYING], ids=["desktop", "phone", "lying"])
 def test_no_banner_moves_a_control(browser: Browser, still: Running, size: dict[str, int]) -> None:
     context = new_context(browser, size)
     page = operate(context, still)
-    page.wait_for_timeout(500)
-    before = page.evaluate(POSITIONS)
+    before = settled(page)
     with still.client() as client:
         client.post("/api/v1/estop", json={"reason": "pressed elsewhere"}).raise_for_status()
     expect(page.locator("#estop-banner")).to_be_visible()

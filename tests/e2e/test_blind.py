@@ -9,7 +9,7 @@ from tests.e2e.audit import Audit
 from tests.server.running import START_S, TOKEN, start, wait_for
 from tests.server.still_robot import COVERED_WHEN_MOVED
 
-pytestmark = [pytest.mark.browser, pytest.mark.webgl]
+pytestmark = [pytest.mark.browser, pytest.mark.alone]
 WHY = "the camera has seen nothing for 5 s"
 LEAST_PX = 44.0
 

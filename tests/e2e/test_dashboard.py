@@ -28,7 +28,7 @@ from tests.e2e.watching import (
 )
 from tests.server.running import START_S, TOKEN, is_ready, wait_for
 
-pytestmark = [pytest.mark.browser, pytest.mark.webgl]
+pytestmark = [pytest.mark.browser, pytest.mark.alone]
 RUN_TIMEOUT_S = 600.0
 OVERRIDES = {"gait.alpha_pi": 0.1, "sim.camera.rate_hz": 10}
 # Of what half a second moves: servos yield a little; the serpentine moves its joints by 0.4 rad.

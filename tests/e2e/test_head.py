@@ -11,7 +11,7 @@ from snakeslam.runtime.robot.safety import FROZEN, LOST
 from tests.e2e.conftest import Dashboard, start_moving
 from tests.e2e.watching import poll
 
-pytestmark = [pytest.mark.browser, pytest.mark.webgl]
+pytestmark = [pytest.mark.browser, pytest.mark.alone]
 
 
 @pytest.fixture

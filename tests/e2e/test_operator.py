@@ -12,7 +12,7 @@ from playwright.sync_api import Browser, Page, expect
 from tests.e2e.watching import poll
 from tests.server.running import START_S, TOKEN, Running, start, wait_for
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.alone]
 DESKTOP, PHONE = {"width": 1280, "height": 800}, {"width": 390, "height": 844}
 PICTURES = os.environ.get("SNAKESLAM_SCREENSHOTS")
 # The pad's button is held by a pointer that presses and stays.

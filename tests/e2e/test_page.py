@@ -7,7 +7,7 @@ from playwright.sync_api import Browser, Page, expect
 
 from tests.server.running import START_S, TOKEN, Running, start, wait_for
 
-pytestmark = [pytest.mark.browser, pytest.mark.webgl]
+pytestmark = [pytest.mark.browser, pytest.mark.alone]
 PHONE = {"width": 390, "height": 844}
 
 

@@ -8,7 +8,7 @@ from playwright.sync_api import Browser, Page, expect
 
 from tests.server.running import START_S, TOKEN, VIEWER_TOKEN, Running, start, wait_for
 
-pytestmark = [pytest.mark.browser, pytest.mark.webgl]
+pytestmark = [pytest.mark.browser, pytest.mark.alone]
 # The usual limit of 10 s runs out after a second.
 HURRY = """() => {
     const limit = AbortSignal.timeout.bind(AbortSignal);

@@ -10,7 +10,7 @@ from playwright.sync_api import Browser, Page, expect
 from tests.e2e.watching import poll
 from tests.server.running import START_S, TOKEN, Running, start, wait_for
 
-pytestmark = pytest.mark.browser
+pytestmark = [pytest.mark.browser, pytest.mark.alone]
 # Keys that go down and never come up, as the browser reports them.
 KEYDOWN = """([code, options]) => document.body.dispatchEvent(new KeyboardEvent('keydown',
     {code, key: code.replace(/Key|Left$/g, '').toLowerCase(), bubbles: true, cancelable: true, ...options}))"""

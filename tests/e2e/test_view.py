@@ -15,7 +15,7 @@ from tests.e2e.conftest import PATIENCE_MS, VIEWPORT, Dashboard
 from tests.e2e.watching import look_at, poll, viewer_frame
 from tests.server.running import TOKEN
 
-pytestmark = [pytest.mark.browser, pytest.mark.webgl]
+pytestmark = [pytest.mark.browser, pytest.mark.alone]
 
 CAMERA = """() => {
   const viser = window.__viserMutable;

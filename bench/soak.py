@@ -171,7 +171,9 @@ def double_estop(robot: Lone, freeze: bool) -> None:
         return robot.state.estop_reason is None
 
     wait_or_violate(reset, "it cannot be reset")
-    need(not robot.state.moving and robot.watcher.stationary(), "the reset moves it")
+    after = robot.state
+    need(not after.moving, f"the reset starts it (held: {after.held_because})")
+    need(robot.watcher.stationary(), f"the reset moves its targets (held: {after.held_because})")
 
 
 def soak_estops(count: int, rng: np.random.Generator) -> Counter[str]:

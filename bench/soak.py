@@ -2,7 +2,7 @@
 
 ``python -m bench soak [ESTOPS] [FREEZES] [SEED]`` counts what happened and exits 1 at a violation: a dead node, an
 E-stop that does not latch, brake or reset, a motion without a fresh press. The robot is a light one that stands in
-front of a picture.
+front of a flat image.
 """
 
 import os
